@@ -58,7 +58,8 @@ def file(tmp_path):
 
 
 def test_terms_are_fitted_anew_and_the_rest_is_held(ended, run, file, tmp_path):
-    code, out, err = ended('fit', run[0], '--base', file, '--save', tmp_path / 'new.json')
+    code, out, err = ended('fit', run[0], '--base', file, '--save', tmp_path / 'new.json',
+                           '--verbose')
     assert code == 0, err
     assert 'Terms of tcs.mod and of this run, arcsec' in out
     (line,) = [line for line in out.splitlines() if line.strip().startswith('IA ')

@@ -128,7 +128,7 @@ def test_a_terminal_that_knows_no_greek(folder):
     process = run('fit', 'run.csv', cwd=folder, env=env)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, '') and out.isascii()
-    assert 'Terms, encoder - catalogue' in out
+    assert 'term, encoder - catalogue' in out
     process = run('fit', 'Ωmega.csv', cwd=folder, env=env)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (2, '') and err.isascii() and err.count('\n') == 1

@@ -50,7 +50,8 @@ def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path, monkeypa
     monkeypatch.setitem(predictive_model.__kwdefaults__, 'folds', 3)
     monkeypatch.setattr('calibration.analysis.diagnosis.prediction.BLOCKS', 3)
     model, figures = tmp_path / 'model.json', tmp_path / 'fit.json'
-    _, out, _ = ended('fit', german_csv, '--predict', '--save', model, '--json', figures)
+    _, out, _ = ended('fit', german_csv, '--predict', '--verbose', '--save', model, '--json',
+                      figures)
     for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Parts of the prediction',
                  'cross-validated in blocks of time, all', 'No cause is claimed'):
         assert word in out, word
@@ -118,7 +119,7 @@ def test_a_fit_says_whether_the_errors_go_through_the_pole(ended, tmp_path):
         run, terms = a_run(kind, 7)
         write_csv(run, tmp_path / f'{kind}.csv')
         code, out, _ = ended('fit', tmp_path / f'{kind}.csv', '--terms', ','.join(NAMES),
-                             '--json', tmp_path / f'{kind}.json')
+                             '--verbose', '--json', tmp_path / f'{kind}.json')
         assert code == 0 and f'sides of the pier: {words}' in ' '.join(out.split())
         told = json.loads((tmp_path / f'{kind}.json').read_text())['origin_of_errors']
         assert told['holds'] == kind and told['rows_through_the_pole'] == 20
