@@ -48,7 +48,7 @@ setup(
     long_description_content_type='text/markdown',
     license='Apache-2.0',
     maintainer='telescope_mount developers',
-    maintainer_email='maintainers@users.noreply.h-seed-b5b128f1.example',
+    maintainer_email='maintainers@telescope-mount.example.org',
     packages=find_packages(include=[f'{part}*' for part in PARTS]),
     package_data={
         'calibration': ['data/*', 'report/*.css', 'report/*.js'],
