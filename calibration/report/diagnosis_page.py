@@ -27,9 +27,6 @@ from .residual_figures import controls, histograms, sky_maps, targets
 from .star_table import stars_table
 from .terms_section import correlation_table, terms_table
 
-#: effects that are drawn, with their causes and coefficients
-_DETAILED = 5
-
 
 def render(view, files=None):
     """The page as text: HTML that is well-formed XML too; it refers to nothing outside itself.
@@ -57,7 +54,8 @@ def render(view, files=None):
         html.folded_section('Next observations', page.next_observations(
             view.proposals, data.mount)),
         html.folded_section('Residuals by driver', page.legend(view.changed),
-                            page.driver_figures(view), note=view.axes_note),
+                            page.driver_figures(view),
+                            note='' if view.effects else view.axes_note),
         html.folded_section('Target', targets(data)),
         html.folded_section('Histograms', histograms(data)),
         html.folded_section('Candidate effects', page.ranking(
@@ -74,7 +72,7 @@ def render(view, files=None):
             document.get('excluded') or (), document.get('rows_are') or 'row')),
         html.folded_section('Not testable', page.untestable(view.untestable)),
         '' if files is None else provenance_section([], files),
-        f'<footer>Encoder − catalogue, {_offsets(view)}, arcsec on the sky.</footer>',
+        f'<footer>Encoder − catalogue, {data.axes[0]}, arcsec on the sky.</footer>',
         preview(data, view.fits, view.lines, 'diagnose', view.file) if view.fits else '',
     ]
     return html.whole(f'{title} ({view.word})', body,
@@ -103,7 +101,9 @@ def _effect_table(effects, first=0):
     return html.table(
         ('', 'effect', 'peak to peak', 'RMS removed', 'likely causes', 'check first'),
         [(str(i), one.name, _size(one.reach_arcsec), _size(one.removes_arcsec),
-          one.named_causes(1 + (i == 1)), one.check) for i, one in rows], 'folding stack')
+          one.named_causes(1 + (i == 1 and len(effects) < MOST_EFFECTS)), one.check)
+         for i, one in rows],
+        'folding stack')
 
 
 def _size(value):
@@ -119,18 +119,13 @@ def _tpoint_signs(document):
 
 def _effects(view):
     parts = []
-    for effect in view.effects[:_DETAILED]:
+    for effect in view.effects[:MOST_EFFECTS]:
         drawing = page.effect_figure(view, effect)
         kind = 'effect one' if drawing.count('<svg') == 1 else 'effect'
         parts.append(html.subsection(
             effect.name, f'<div class="{kind}"><div>{page.causes(effect.causes)}'
             f'{html.definitions(effect.facts)}</div>{drawing}</div>'))
-    left = len(view.effects) - _DETAILED
-    more = f'{left} smaller ones: formulas and coefficients in the JSON result.' if left > 0 else ''
+    left = len(view.effects) - MOST_EFFECTS
+    more = f'{left} smaller ones: in the JSON result.' if left > 0 else ''
     return html.folded_section('Effects', *parts, note=' '.join(
         filter(None, [view.axes_note, more])))
-
-
-def _offsets(view):
-    first, second = (name.partition(' × ')[0] for name in view.residuals.axes)
-    return f'{first} times cos {second}'

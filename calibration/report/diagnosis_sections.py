@@ -14,6 +14,7 @@
 
 """Figures and tables of the diagnosis page, each a piece of HTML."""
 
+from itertools import pairwise
 from pathlib import PurePath
 
 import numpy as np
@@ -212,7 +213,7 @@ def _how_to_read(driver, effect):
 
 # ------------------------------------------------------------------------------- the candidates
 
-def ranking(rows, slow=(), limit=10):
+def ranking(rows, slow=(), limit=6):
     """The best candidates, with those that the data cannot distinguish marked.
 
     Parameters
@@ -256,6 +257,10 @@ def _candidates(rows):
 
 def causes(rows):
     """Likely causes of an effect: evidence, coefficients, what to look at."""
+    rows = [list(row) for row in rows]
+    for before, row in reversed(list(pairwise(rows))):
+        if row[-1] and row[-1] == before[-1]:
+            row[-1] = 'the same'
     return html.table(('cause', 'ΔBIC', 'coefficients ″', 'check'), rows, 'folding stack')
 
 
@@ -291,6 +296,10 @@ def exclusions(excluded, word='row', limit=12):
     return html.table(['reason', 'count', f'{word}s'], rows)
 
 
+#: pairs of causes whose observations are listed
+_PAIRS = 2
+
+
 def next_observations(groups, mount=ALTAZ):
     """Proposed observations, as tables and on the sky.
 
@@ -303,14 +312,16 @@ def next_observations(groups, mount=ALTAZ):
     """
     if not groups:
         return ''
-    rows = sorted((row for _, group, _ in groups for row in group), key=lambda row: row['number'])
+    rows = sorted((row for _, group, _ in groups[:_PAIRS] for row in group),
+                  key=lambda row: row['number'])
     sky = SkyMap(320, 0.0, mount)
     az, el = (np.radians([float(row[name]) for row in rows]) for name in ('az_deg', 'el_deg'))
     sky.marks(az, el, 'next', [f'{a:.0f}° azimuth, {e:.0f}° elevation'
                                for a, e in zip(np.degrees(az), np.degrees(el))])
     drawing = html.figure(svg(320, 320, sky.parts, 'Where to observe next'), '')
-    tables = ''.join(_next_group(*group, KINDS[mount.kind]) for group in groups)
-    return f'<div class="side">{drawing}<div>{tables}</div></div>'
+    tables = ''.join(_next_group(*group, KINDS[mount.kind]) for group in groups[:_PAIRS])
+    more = f'{len(groups) - _PAIRS} more in the JSON result.' * (len(groups) > _PAIRS)
+    return (f'<div class="side">{drawing}<div>{tables}{html.paragraph(more, "note")}</div></div>')
 
 
 def _next_group(head, group, note, names):
@@ -318,7 +329,7 @@ def _next_group(head, group, note, names):
     places = {f'{column}_deg': word for column, word in zip(
         (*names.columns, 'az', 'el'), (*names.axes, 'azimuth', 'elevation'))
         if f'{column}_deg' in group[0]}
-    cells = []
+    cells, ways = [], []
     for row in group:
         sides = [words[row[key] > 0] for key, words in zip(SIDES, names.sides)
                  if row.get(key) in (-1, 1)]
@@ -330,28 +341,38 @@ def _next_group(head, group, note, names):
             sides.append(f'{row["last_move_deg"]:g}° back')
         hours = f'{html.number(row.get("after_hours"), 1)} {row.get("utc") or ""}'
         cells.append([str(row['number']), *(html.number(row[key], 0) for key in places),
-                      ', '.join(sides) or 'any', *[hours] * timed,
+                      *[hours] * timed,
                       html.number(row.get('separation_after'), 1)])
+        ways.append(', '.join(sides))
+    moved = any(ways)
+    if moved:
+        for row, way in zip(cells, ways):
+            row.insert(1 + len(places), way or 'any')
     return html.subsection(
         'Separates' if head else 'Proposed', html.listed(head), html.paragraph(note, 'note'),
         html.table(['', *(f'{word} [°]' for word in places.values()),
-               'side, last motion' if names.two_sided or any(
-                   row.get('through_pole') for row in group) else 'last motion',
+               *(['side, last motion' if names.two_sided or any(
+                   row.get('through_pole') for row in group) else 'last motion'] if moved else []),
                *(['hours from the last row [h], UTC'] if timed else []), 'expected ΔBIC'], cells))
 
 
 _SAME_CURVE = 'same as terms of the base here'
+_UNKNOWN = ' is not known'
 _REASONS = 8  # why effects cannot be tested, at most
 
 
-def untestable(rows, limit=3):
+def untestable(rows, limit=2):
     """What the run cannot show, and why, by reason; of many effects some are named."""
     reasons = {}
     for name, reason in rows:
         reasons.setdefault(reason or _SAME_CURVE, []).append(readable(name))
-    return html.table(['reason', 'effects'], [
-        [reason, ', '.join(names[:limit]) + f', {len(names) - limit} more' * (len(names) > limit)]
-        for reason, names in list(reasons.items())[:_REASONS]])
+    named = [[reason, ', '.join(names[:limit])
+              + f', {len(names) - limit} more' * (len(names) > limit)]
+             for reason, names in list(reasons.items())[:_REASONS]]
+    unknown = [[reason.removesuffix(_UNKNOWN), names] for reason, names in named
+               if reason.endswith(_UNKNOWN)]
+    return html.table(['not known', 'effects'], unknown) + html.table(
+        ['reason', 'effects'], [row for row in named if not row[0].endswith(_UNKNOWN)])
 
 
 def run_terms_table(runs):

@@ -193,7 +193,7 @@ def _cautions(document):
     if noise.get('slow') and not slow_is_largest(document) and document['verdict'] != 'wanders':
         size = noise.get('removes_rms_arcsec')
         out.append('Correlated noise' + (f', {arcsec(size)} RMS' if size else '')
-                   + ': neighbouring rows err alike; the cause is unknown.')
+                   + ', of unknown cause.')
     outliers = document.get('outliers') or []
     if outliers:
         word = document.get('rows_are') or 'row'

@@ -349,13 +349,19 @@ def _found(diagnosis, found):
 def _causes(found, context):
     """Rows of the table of its likely causes."""
     e = found.fitted.effect
-    rows = [(short_cause(one['cause']), f'{one["delta_bic"]:.1f}', _size_of(one, context),
+    rows = [(short_cause(one['cause']) + ' (fitted)' * _is_fitted(one, found, context),
+             f'{one["delta_bic"]:.1f}', _size_of(one, context),
              _first_part(one.get('look_at') or ''))
             for one in found.causes] if len(found.causes) > 1 else [
         (short_cause(e.cause), _gain(found.delta_bic), _coefficients_of(found, context),
          _first_part(e.look_at))]
     return rows + [(short_cause(one['cause']), f'alone {one["alone"]:.1f}', '',
                     _first_part(one.get('look_at') or '')) for one in still_open(vars(found))]
+
+
+def _is_fitted(cause, found, context):
+    """Whether the model has the effect of this cause: its coefficients are those fitted."""
+    return _size_of(cause, context).startswith(_coefficients_of(found, context))
 
 
 def _gain(value):
@@ -397,7 +403,7 @@ def _with_error(one):
 def _facts(found, context):
     e = found.fitted.effect
     facts = [('formula', e.formula)]
-    if len(found.causes) > 1:
+    if len(found.causes) > 1 and not any(_is_fitted(one, found, context) for one in found.causes):
         facts.append(('fitted', _coefficients_of(found, context)))
     if e.tpoint:
         facts.append(('TPOINT', e.tpoint))

@@ -130,14 +130,11 @@ def axes_note(context):
         return ''
     first, second = names.axes
     way = 'past the zenith' if context.mount.vertical else 'through the pole'
-    text = (f'{first.capitalize()} and {second} are those of the axes, as their encoders count. '
+    text = (f'{first.capitalize()} and {second} are those of the axes. '
             f'In {int(through.sum())} of {len(context)} rows the telescope looks {way}, '
             f'the {second} beyond 90°')
     if names.columns[0] == 'ha':
-        way = 'on either side of the pier' if context.mount.two_sided else \
-            'through the pole or not'
-        text += (f'. There the {first} of the axis is 12 h from that of the star. A value of the '
-                 f'{first} is so one position of the {names.shafts[0]}, {way}')
+        text += f'. There the {first} of the axis is 12 h from that of the star'
     return f'{text}.'
 
 

@@ -262,8 +262,6 @@ def sky_maps(data):
         skies.append(sky)
     out, margins = [], np.ceil(np.max([sky.beyond for sky in skies], axis=0))
     margins += 3.0 * (margins > 0.0)
-    axes = ' and '.join(data.mount.names.axes)
-    dashed = f', dashed each 30° of {axes}' * (not data.mount.vertical)
     for (when, size, more), sky in zip(maps, skies):
         unit = ticks(0.0, max(60.0 / size, 1e-9), 2)
         unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0
@@ -278,7 +276,7 @@ def sky_maps(data):
             _with_rms(f'{what}.{longer}', data.radial(when), when), when))
     some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
     return pair(out) + ('<p class="note">Encoder − model; zenith at the centre, rim at '
-                        f'{lowest:g}°{dashed}.{some}</p>')
+                        f'{lowest:g}°.{some}</p>')
 
 
 def targets(data):
@@ -300,11 +298,11 @@ def targets(data):
         out.append(target(data.axes, limit, x[data.used], y[data.used],
                           data.text_of(when) + more, when, noise,
                           lambda panel, x=x, y=y, when=when, linked=not more: _marks(
-                              panel, x, y, data, when, linked, (0, 1)), data.noise_text))
+                              panel, x, y, data, when, linked, (0, 1))))
     return pair(out) + marks_legend(data)
 
 
-def target(axes, limit, x, y, what, when, noise=None, draw=None, noise_text='noise of the fit'):
+def target(axes, limit, x, y, what, when, noise=None, draw=None):
     """A target with its hits.
 
     Parameters
@@ -323,8 +321,6 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None, noise_text='noi
         Radial RMS of the noise, arcsec.
     draw : callable, optional
         ``draw(panel)``, by default a mark for each hit.
-    noise_text : str
-        What `noise` is.
 
     Returns
     -------
@@ -341,9 +337,8 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None, noise_text='noi
         panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
                            f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
         inside = float(np.mean(np.hypot(x, y) <= noise))
-        named = noise_text if noise_text.startswith('all') else f'the {noise_text}'
-        caption += (f' Dashed: {named}, {arcsec(noise)}; {100 * inside:.0f} % within '
-                    f'(noise alone {100 * _WITHIN:.0f} %).')
+        caption += (f' {100 * inside:.0f} % within {arcsec(noise)}, dashed '
+                    f'(noise alone: {100 * _WITHIN:.0f} %).')
     if draw is None:
         panel.points(x, y, when)
     else:

@@ -158,9 +158,9 @@ def signs_sentences(alike, names, taken=AS_NAMED):
     sentences, mirrored = [], MIRRORED.text(names=names)
     mirror = f', or {mirrored}' if mirrored in alike else ''
     if Reading(exchanged=True).text() in alike or mirror:
-        sentences.append(f'signs: {taken}, and fit so; positive: the '
-                         'encoder reads too much. No run can confirm the signs. Check that mount '
-                         f'and catalogue are not exchanged in the file{mirror}')
+        sentences.append(f'signs: {taken}; positive: the encoder reads too much. No run can '
+                         f'confirm it: check that the file does not exchange mount and '
+                         f'catalogue{mirror}')
     rest = without_signs(alike, names)
     return sentences + [columns_alike(rest)] * bool(rest)
 

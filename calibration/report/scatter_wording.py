@@ -45,7 +45,7 @@ def axes_words(document):
     axes, more = kind_of(document).axes, 'xy'.index(found['axis'])
     sizes = [arcsec(size) for size in found['sigma_arcsec']]
     return (f'the {axes[more]} scatters {found["times"]:.1f} times as much as the '
-            f'{axes[1 - more]}, {sizes[more]} against {sizes[1 - more]} on the sky (robust σ)')
+            f'{axes[1 - more]}, {sizes[more]} against {sizes[1 - more]} on the sky')
 
 
 def is_headline(document):
@@ -60,8 +60,8 @@ def axes_sentence(document):
     if not found:
         return ''
     kind = kind_of(document)
-    chance = 'below 0.001' if found['p'] < 0.0005 else f'{found["p"]:.2g}'
-    out = [f'{text[:1].upper()}{text[1:]} (chance {chance}).',
+    chance = 'p < 0.001' if found['p'] < 0.0005 else f'p = {found["p"]:.2g}'
+    out = [f'{text[:1].upper()}{text[1:]} (robust σ, {chance}).',
            'Seeing and the camera make both alike, so this is no noise of the sky.']
     letter = kind.letters[1]
     if found['axis'] == 'y':

@@ -24,6 +24,7 @@ from .page_parts import group_name, number
 WHENS = ('before', 'after')
 #: rows of the table
 MAX_TABLE = 1500
+_STAR = 'star'
 
 
 def stars_table(data):
@@ -71,11 +72,16 @@ def stars_table(data):
 
 
 def _shared_word(names):
-    """The first word of all names, and what follows it in each; 'star' where they differ."""
+    """What stands before all names, and the rest of each; 'star' where they differ."""
     parts = [str(name).partition(' ') for name in names]
     words = {word if rest else '' for word, _, rest in parts}
     one = next(iter(words)) if len(words) == 1 else ''
-    return (one, [rest for *_, rest in parts]) if one.isalpha() else ('star', names)
+    if not one.isalpha():
+        return 'star', names
+    rows = [rest.partition(f', {_STAR} ') for *_, rest in parts]
+    if all(star for *_, star in rows):
+        return f'{one}, {_STAR}', [f'{row}, {star}' for row, _, star in rows]
+    return one, [rest for *_, rest in parts]
 
 
 def _clock(seconds, days, utc):

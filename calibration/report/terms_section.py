@@ -46,13 +46,16 @@ def terms_table(terms):
         HTML.
     """
     alone = any(t.get('alone') is not None for t in terms)
+    units = {t['unit'] for t in terms}
+    each = len(units) > 1  # else the unit is in the header
     rows = [[t['name'], value_and_error(t['value'], t['sigma'])[0],
              'undetermined' if t.get('undetermined')
              else value_and_error(t['value'], t['sigma'])[1],
              number(abs(t['value'] / t['sigma']), 1) if t['sigma'] else '–',
              *([value_and_error(t['alone'], t['sigma'])[0] if t.get('alone') is not None else '–']
-               if alone else []), t['unit']] for t in terms]
-    return table(['term', 'value', 'σ', '|value| / σ', *['without the effects'] * alone, 'unit'],
+               if alone else []), *[t['unit']] * each] for t in terms]
+    return table(['term', 'value' + ''.join(f', {unit}' for unit in units) * (not each), 'σ',
+                  '|value| / σ', *['without the effects'] * alone, *['unit'] * each],
                  rows, 'numbers terms', 'Terms of the model')
 
 

@@ -98,7 +98,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL)
                   + (', quadratically' if square else ''),
                   f'{", ".join(names)} x {SYMBOLS.get(driver, driver)}' + ('^2' if square else ''),
                   driver, axes, names, columns, wording,
-                  'what warms up or settles: encoder electronics, head and its bracket, pier, tube',
+                  'warming or settling of encoder, bracket, pier and tube',
                   f'a slow change with {the(driver)}' + (', along a curve' if square else ''), '',
                   f'arcsec{UNITS.get(driver, f"/({scale:.4g})")}' + ('^2' if square else ''),
                   requires=(driver,))

@@ -35,8 +35,7 @@ _FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
 _WIDTHS, _JOINTS = (2.0 * DEG, 4.0 * DEG, 8.0 * DEG), (3, 4, 6, 8, 12)
 #: from one place to the next, and within what a row counts as in the bump, in widths
 _SPACING, _WITHIN = 1.5, 1.5
-_LOOK_AT_MIRROR = ('supports and lock of the mirror, supports of the secondary, the focuser: what '
-                   'can lie on either side')
+_LOOK_AT_MIRROR = 'supports and lock of the mirror, supports of the secondary, the focuser'
 
 
 def _flopped(c, at, play):

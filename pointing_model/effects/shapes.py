@@ -78,8 +78,8 @@ def _nod_unlike(order, partner, mount=USUAL):
                   lambda _: f'The {names.word("el")} error has a wave of the {names.word("az")}, '
                   f'{times(k)}, times {how}: a nod would be the same at any '
                   f'{names.word("el")}',
-                  f'what turns with the {names.word("az")} and bears weight: a part that yields '
-                  f'more at one {names.word("el")} than at another',
+                  f'parts that turn with the {names.word("az")} and yield more at some '
+                  f'{names.word("el")}s',
                   f'a wave of the {names.word("az")}, {times(k)}, times {how}',
                   f'something that turns with the {names.word("az")} and is no nod '
                   f'({times(k)}, as {how})', only_shape=True,

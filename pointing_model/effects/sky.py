@@ -22,7 +22,7 @@ from pointing_model.pointing_terms import TERMS
 
 from .base import Effect, Offer, effect, form, offer
 
-_STARS = 'what the star places were computed with: catalogue, equinox, corrections'
+_STARS = 'catalogue, equinox and corrections of the star places'
 #: arcsec: what the speed of the Earth makes of a star's place, over the year (its orbit is no
 #: circle), and that of the equator
 _ANNUAL, _DIURNAL = (20.15, 20.84), 0.3193

@@ -107,7 +107,7 @@ def _lagged(of, tau, driver='temperature', origin=0.0, within=None, start=True, 
                   f'{what} follows {driver_word(driver)} with a lag',
                   f"{term.name} x q, q' = (T - q) / tau" + (', exp(-t / tau)' if start else ''),
                   driver, axes, ('slope', 'start') if start else ('slope',), columns, wording,
-                  'what is heavy and slow to cool: mirror, cell, truss, pier; open the dome long '
+                  'mirror, cell, truss and pier, slow to cool; open the dome long '
                   'before the first star',
                   f'a slow change with {the(driver)}, late', '', 'arcsec/K',
                   requires=('time', driver), scan=f'lag_{of}', searched=('tau',), share='scans',

@@ -60,12 +60,13 @@ def run(args):
     from calibration.analysis.satellites.stamp_check import wrong_track
     from calibration.analysis.satellites.track_summary import track_document
     from calibration.report.satellite_page import render_tracks, tracks_table
+    from calibration.report.terminal_layers import layered
     from calibration.report.terminal_tables import terms_table
     from calibration.report.wording import worded, wording
     from pointing_model.model import PointingModel
 
     from ..track_loader import load_tracks
-    from .console import ProgressLine, new_console, print_all, print_lines, write_outputs
+    from .console import ProgressLine, files_of, new_console, print_all, write_outputs
     args.azimuth_origin, args.equinox = None, 'auto'
     place = options.place_of(args)
     measured = load_tracks(args.tracks, args.orbit, args.object, args.stars, site=place.get('site'),
@@ -86,14 +87,16 @@ def run(args):
     if not args.no_diagnosis and document['determined']:
         view = _diagnosed(fit, document)
     document = worded(document)
-    print_all(console, [tracks_table(document), terms_table(document['terms']),
-                        *_lines(document)])
+    left = []
     if view is not None:
         from calibration.report.diagnosis_terminal import diagnosis_tables, summary_lines
-        print_all(console, ['', 'What is left, as a run of stars (means of 2 minutes):',
-                            *summary_lines(view),
-                            *(diagnosis_tables(view) if args.verbose else ())])
-    print_lines(console, 'note', document['notes'])
+        left = summary_lines(view)
+        left[0] = f'left, in means of 2 minutes: {left[0]}'
+        left += diagnosis_tables(view) if args.verbose else ()
+    print_all(console, layered(
+        [terms_table(document['terms']), *_lines(document)],
+        [*left, *(f'note: {note}' for note in document['notes'])], args.verbose, files_of(args),
+        [tracks_table(document)]))
     files = [*args.tracks, *args.stars, *args.orbit]
     write_outputs(console, args, document, model=fit.model.save,
                   page=args.report and render_tracks(fit, document, view, files))

@@ -56,12 +56,11 @@ def run(args):
         tracked = track_run(run, model, args.first, args.terms, progress)
     summary, console = worded(tracked.summary()), new_console()
     missed = summary['missed_rms_arcsec']
-    table = new_table(f'{len(tracked.rows)} stars before they were seen, radial, arcsec', '',
-                      'RMS', 'middle')
-    for name in ('model of the evening', 'tracked'):
-        table.add_row(name, f'{missed[name]:.2f}', f'{missed[f"{name}, middle"]:.2f}')
-    table.add_row('expected of the tracked', f'{missed["expected"]:.2f}', '')
-    of = [f'the model of the evening is of the first {tracked.fitted} stars'] * bool(tracked.fitted)
+    table = new_table('', f'error of {len(tracked.rows)} predicted stars, arcsec', 'RMS', 'median')
+    for name, word in (('model of the evening', 'fixed model'), ('tracked', 'adaptive model')):
+        table.add_row(word, f'{missed[name]:.2f}', f'{missed[f"{name}, middle"]:.2f}')
+    table.add_row('adaptive model, expected', f'{missed["expected"]:.2f}', '')
+    of = [f'fixed model: fitted to the first {tracked.fitted} stars'] * bool(tracked.fitted)
     print_all(console, layered(
         [table, *of], [*(f'tracked: {line}' for line in tracking_lines(summary)),
                        *(f'note: {note}' for note in summary['notes'])],

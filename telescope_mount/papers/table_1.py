@@ -147,7 +147,7 @@ def short_table(report):
     -------
     rich.table.Table
     """
-    out = new_table('', f'{len(report["table1"])} nights, arcsec', 'before: az', 'paper', 'el',
+    out = new_table(f'{len(report["table1"])} nights, arcsec', '', 'before: az', 'paper', 'el',
                     'paper', 'after: az', 'paper', 'el', 'paper')
     _add_statistics(out, report)
     return out

@@ -55,7 +55,7 @@ def test_tracks_become_a_model_a_page_and_a_result(ended, folder):
     page, result, model = (folder / name for name in ('s.html', 's.json', 'm.json'))
     code, out, err = ended('satellite', folder / 'tracks.csv', *orbits(folder), '--star-run',
                            folder / 'stars.csv', '--no-diagnosis', '--report', page, '--json',
-                           result, '--save', model)
+                           result, '--save', model, '--verbose')
     assert (code, err) == (0, '')
     assert 'left along' in out and "The station's clock is" in ' '.join(out.split())
     document = json.loads(result.read_text())

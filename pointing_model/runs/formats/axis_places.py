@@ -149,8 +149,8 @@ def _note_clock(meta, site):
         return
     meta['notes'].append(given + (
         f', at longitude {site.longitude / DEG:.6g} deg' if site is not None else
-        ', at longitude 0, for none is given. Intervals between rows are right, the hour of UTC is '
-        'not; places on the sky are off by up to 1 arcsec (--longitude)'))
+        ', at longitude 0 (none is given: --longitude). Intervals are right, the hour of UTC is '
+        'not; places are off by up to 1 arcsec'))
 
 
 def _whole_site(path, meta, sidereal_clock):

@@ -93,7 +93,7 @@ def read_exported(path, body, meta, options=(), altaz=False):
     meta.update(equinox=None, sidereal_clock=True)
     if moving:
         _move(rows, angles, day, options, meta)
-    meta['time_note'] = 'time: made from the sidereal time of each row and the date of the file'
+    meta['time_note'] = 'time: from the sidereal time of each row and the date of the file'
     columns = {'ra_deg': angles['ra'], 'dec_deg': angles['dec'], 'lst_given': lst,
                'time': np.full(len(lst), day + 43200.0)}
     first = np.remainder(lst - angles['ra of the telescope'] + 180.0, 360.0) - 180.0

@@ -147,17 +147,16 @@ def sentence(found):
     -------
     str
     """
-    text = 'the file does not say the equinox of its catalogue: '
+    text = 'no equinox in the file: '
     left = ', '.join(f'{v:.1f} arcsec if {name}' for name, v in found['left_arcsec'].items())
-    left = f'the physical terms alone leave (median) {left}' if left else 'they are too few'
-    by = (f'log-likelihood favours {found["likelier"]} by '
-          f'{found["log_likelihood"]:.1f}, with drifting zeros and other terms in the model')
+    left = f'the terms alone leave (median) {left}' if left else 'the rows are too few'
+    by = f'log-likelihood favours {found["likelier"]} by {found["log_likelihood"]:.1f}'
     if found['told']:
         return f'{text}taken as {found["taken"]}. Reason: {by}, and {left}'
-    out = f'{text}taken as {found["taken"]}, a guess, for the data do not decide. Then {left}'
+    out = f'{text}taken as {found["taken"]}, a guess. Undecided: {left}'
     if found['left_arcsec']:
-        out += f'. The {by} ({DECISIVE:g} would decide)'
-    return f'{out}{_moved(found)}. Say it with --equinox j2000 or --equinox date'
+        out += f'; {by} ({DECISIVE:g} would decide)'
+    return f'{out}{_moved(found)}. Set it: --equinox j2000 or date'
 
 
 def _moved(found):

@@ -193,5 +193,5 @@ def _run_parameters(path, number, line, meta):
 
 FORMAT = RunFormat('a TPOINT file (caption, ": ALTAZ" or ": EQUAT", latitude, rows)', looks_like,
                    read, rank=2, taken=(
-                       'this format names no columns. First come the catalogue (observed places '
-                       'if it has no right ascensions), then the mount'))
+                       'columns without names, taken as catalogue (observed places if it has no '
+                       'right ascensions), then mount'))

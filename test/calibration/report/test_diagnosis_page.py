@@ -417,7 +417,7 @@ def test_tables():
     rows = [{'name': f'e_{i}', 'driver': 'time', 'axes': 'az', 'delta_bic': 30.0 - i,
              'p_family': 0.001 if i < 2 else None, 'in_set': i < 2} for i in range(20)]
     text = ranking(rows)
-    assert text.count('<td>●</td>') == 2 and '10 more in the JSON result' in text
+    assert text.count('<td>●</td>') == 2 and '14 more in the JSON result' in text
     assert 'width:100%' in text and text.index('e 0') < text.index('e 1')
     # a p beside a gain that no search took says nothing that a reader could check
     assert '0.001' not in text and 'p (family' not in text

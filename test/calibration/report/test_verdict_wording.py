@@ -246,12 +246,12 @@ def test_signs_in_words():
     mirror = 'azimuth of catalogue and encoders counted the other way'
     text, = signs_sentences([mirror, 'mount and catalogue exchanged'], ALTAZ.names)
     assert text.startswith('signs: the columns were taken as the file names them')
-    assert f'exchanged in the file, or {mirror}' in text
+    assert f'exchange mount and catalogue, or {mirror}' in text
     assert signs_sentences([], ALTAZ.names) == []
     # a format of fixed columns names none
     assert WANTED['RAA'] == ('az', 'el') and WANTED['TAA'] == ('az_enc', 'el_enc')
     text, = signs_sentences([mirror], ALTAZ.names, mmt.FORMAT.taken)
     assert 'RAA, with the refraction in it, was taken for the catalogue and TAA for the' in text
     text, = signs_sentences([mirror], ALTAZ.names, tpoint_data.FORMAT.taken)
-    assert 'First come the catalogue' in text and 'the file names' not in text
+    assert 'taken as catalogue' in text and 'the file names' not in text
     assert 'zenith distance' in signs_sentences(['zenith distance in place'], ALTAZ.names)[0]

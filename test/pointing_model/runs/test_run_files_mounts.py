@@ -179,7 +179,7 @@ def test_export_of_thesky(read):
     # the mount is two degrees off in declination, on both sides of the pole the same way
     assert np.all(np.abs(run.offsets()[1] / DEG + 2.0) < 0.3)
     notes = ' '.join(run.meta['notes'])
-    assert 'does not say the equinox' in notes and '761.74 hPa' in notes
+    assert 'no equinox in the file' in notes and '761.74 hPa' in notes
     for spoiled, reason in ((('36 55.4451', '66 55.4451'), 'has minutes or seconds beyond 60'),
                             (('10 22.219', ''), '12 numbers, but 14 in most rows')):
         left = read(EXPORT.replace(*spoiled)).meta['excluded']
@@ -199,10 +199,10 @@ def test_short_form_whose_fields_touch(read):
 
 def test_how_the_time_of_a_sidereal_clock_was_made(read):
     def note(run):
-        return next(text for text in run.meta['notes'] if text.startswith('time: made'))
+        return next(text for text in run.meta['notes'] if text.startswith('time: from'))
     without, given = read(EXPORT), read(EXPORT, site={'longitude': -117.0 * DEG})
     whole = read(EXPORT, site=Site(39.0 * DEG, -117.0 * DEG, 10.0))
-    assert 'at longitude 0, for none is given' in note(without) and '--longitude' in note(without)
+    assert 'at longitude 0 (none is given: --longitude)' in note(without)
     assert without.meta['time_is_utc'] is False
     for run in (given, whole):
         assert note(run).endswith('at longitude -117 deg') and run.meta.get('time_is_utc', True)
@@ -278,8 +278,8 @@ def test_rows_that_cannot_tell_the_equinox_say_so():
     found = equinox.comparison({'J2000': wrong, 'of date': right}, reading, time, GERMAN)
     assert not found['told'] and found['taken'] == 'J2000' and found['log_likelihood'] < 10.0
     said = equinox.sentence(found)
-    assert 'taken as J2000, a guess, for the data do not decide' in said
-    assert 'Of date would change ME by' in said and '--equinox date' in said
+    assert 'taken as J2000, a guess. Undecided: ' in said
+    assert 'Of date would change ME by' in said and '--equinox j2000 or date' in said
     few = equinox.comparison({'J2000': tuple(v[:5] for v in right), 'of date': tuple(
         v[:5] for v in wrong)}, reading[:, :5], time[:5], GERMAN)
     assert not few['told'] and 'too few' in equinox.sentence(few)

@@ -119,7 +119,7 @@ def test_rows_with_proper_motion(read, options):
     run = read(written(rows, options, LATITUDE, 'j2000', motion=True))
     assert len(run) == 40 and off(run, TERMS) < 0.1
     notes = ' '.join(run.meta['notes'])
-    assert 'proper motion applied, from 2000' in notes and 'does not say the equinox' not in notes
+    assert 'proper motion applied, from 2000' in notes and 'no equinox in the file' not in notes
     assert ('NODA changes nothing' in notes) == ('NODA' in options)
 
 
