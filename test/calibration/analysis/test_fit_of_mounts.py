@@ -215,7 +215,7 @@ def test_page_and_result_go_by_the_axes_of_the_mount():
     assert document['mount_axes'] == ['hour angle', 'declination']
     page = render(view_of(found))
     assert 'hour angle × cos δ' in page and 'azimuth × cos E' not in page
-    assert 'hour angle encoder' in page and 'hour angle times cos' in page
+    assert 'hour angle encoder' in page
 
 
 def test_a_model_of_another_mount_is_refused(tmp_path):
