@@ -30,7 +30,7 @@ _ZERO = re.compile(rf'{_NUMBER}(?:{_START})?(?:/(\w+))?(?:\+(stars))?')
 
 
 class ZeroFrame(NamedTuple):
-    """What the frame of a zero said; None where it did not."""
+    """What the frame of a zero held; None where it held none."""
 
     run: int
     started: float | None
@@ -45,7 +45,7 @@ def power_on_in(frame):
 
 
 def zero_in(frame):
-    """The `ZeroFrame` of a zero; None where the frame said nothing.
+    """The `ZeroFrame` of a zero; None where the frame held nothing.
 
     Raises
     ------

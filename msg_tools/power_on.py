@@ -76,13 +76,13 @@ class PowerOns:
     """Of which power-on the readings of one instrument are."""
 
     def __init__(self):
-        self._said = []
+        self._known = []
 
     def take(self, message):
-        """Take a message; ValueError for one that says none."""
+        """Take a message; ValueError for one that holds none."""
         new = read_power_on(message)
         # a reading of the one before may still be under way
-        self._said = [old for old in self._said if old.started < new.started][-1:] + [new]
+        self._known = [old for old in self._known if old.started < new.started][-1:] + [new]
 
     def of(self, header):
         """The `PowerOn` of a reading with that header; None where none is known."""
@@ -90,4 +90,4 @@ class PowerOns:
         if older is not None:
             return PowerOn(*older)
         at = since(from_stamp(header.stamp))
-        return next((one for one in reversed(self._said) if one.started <= at), None)
+        return next((one for one in reversed(self._known) if one.started <= at), None)

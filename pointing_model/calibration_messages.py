@@ -285,16 +285,18 @@ class ZeroPairs:
             self._zero, self._given = (ns, zero), None
         if self._zero is None or not self._identity or self._given == self._identity:
             return None
-        (ns, zero), said = self._zero, self._identity
+        (ns, zero), identity = self._zero, self._identity
         try:
-            if (int(said['stamp_ns']), float(said['first_rad']), float(said['second_rad'])) != (
-                    ns, *zero.angles):
+            of = (int(identity['stamp_ns']), float(identity['first_rad']),
+                  float(identity['second_rad']))
+            if of != (ns, *zero.angles):
                 return None  # of another zero
-            self._given = said
-            run, started = said.get('power_on'), said.get('started_s')
+            self._given = identity
+            run, started = identity.get('power_on'), identity.get('started_s')
             return ns, PowerOnZero(
                 *zero.angles, zero.covariance, None if run is None else int(run),
-                None if started is None else float(started), said.get('model'), said.get('by'))
+                None if started is None else float(started), identity.get('model'),
+                identity.get('by'))
         except (KeyError, ValueError, OverflowError) as error:
             raise ValueError(f'no identity of a zero: {error}') from None
 

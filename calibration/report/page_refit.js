@@ -103,7 +103,8 @@ function sums(weights, residual, all) {
 }
 /* weights of the radial distance, at scales that follow the rows that stay */
 function reweighted(model) {
-  var table = model.loss.weights, most = table.length - 1, s = model.loss.scales, k = model.of.length, found = null, round, i;
+  var table = model.loss.weights, most = table.length - 1, s = model.loss.scales;
+  var k = model.of.length, found = null, round, i;
   var weights = model.weights, before = sums(weights, model.residual, true);
   function spread(total) { return total / Math.max(total - k / 2, 1); }
   for (round = 0; round < 40; round++) {

@@ -67,24 +67,3 @@ def layered(first, more=(), verbose=False, files=0, rest=()):
             room -= heights[i]
     hidden = len(more) - len(shown) + len(rest)
     return [*first, *shown, *([MORE.format(hidden)] if hidden else [])]
-
-
-def some_rows(table, most):
-    """A table of which only the first rows are printed; how many are left out.
-
-    Parameters
-    ----------
-    table : rich.table.Table
-        Shortened in place.
-    most : int
-
-    Returns
-    -------
-    int
-    """
-    left = max(0, table.row_count - most)
-    if left:
-        del table.rows[most:]
-        for column in table.columns:
-            del column._cells[most:]
-    return left

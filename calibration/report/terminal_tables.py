@@ -85,8 +85,8 @@ def night_parts(report):
         first.append(terms_table(report['terms']))
     zeros = report['changes'] or report['zeros']
     cross_check = report['witnesses']
-    more += [*(f'alarm: {line}' for line in cross_check['alarms']),
-             *(f'note: {line}' for line in (
+    first += [f'alarm: {line}' for line in cross_check['alarms']]
+    more += [*(f'note: {line}' for line in (
                  *(zero['statement'] for zero in zeros[-1:]), *report['notes'],
                  *cross_check['notes']))]
     rest = night_tables(report)
@@ -236,13 +236,13 @@ def fit_tables(found, document, verbose=True, files=0):
         values = [document[when][f'{key}_{axis}arcsec'] for axis in ('x_', 'y_', '')]
         if None not in values:
             steps.add_row(label, *(f'{value:.2f}' for value in values))
-    urgent = []
+    alarms, urgent = [], []
     if document['outliers']:
-        urgent.append(outlier_sentence(document))
+        alarms.append(outlier_sentence(document))
     if found.few_used:
-        urgent.append('more than a third of the rows is left out: see why before you use the '
+        alarms.append('more than a third of the rows is left out: see why before you use the '
                       'terms')
-    urgent += map(wording, result.open_directions)
+    alarms += map(wording, result.open_directions)
     if document['polar_axis']:
         urgent.append(' '.join(alignment_lines(document['polar_axis'])))
     details = [*left_out_lines(document['excluded'], word=document['rows_are']),
@@ -250,7 +250,7 @@ def fit_tables(found, document, verbose=True, files=0):
     if found.origin is not None:
         details.append(f'sides of the pier: {origin_sentence(found.origin)}')
     strong = _strong_correlations(result)
-    details += [
+    statistics = [
         f'sigma from the {result.covariance_from.removeprefix("measured ")}; '
         f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}, '
         f'{result.degrees_of_freedom} degrees of freedom',
@@ -268,8 +268,8 @@ def fit_tables(found, document, verbose=True, files=0):
     if found.base:
         tables += [base_table(found.base, found.plain),
                    *(f'note: {wording(note)}' for note in found.base.notes)]
-    return layered([used_sentence(document), terms_table(result.term_rows()), steps],
-                   [*urgent, *tables, *details], verbose, files)
+    return layered([used_sentence(document), terms_table(result.term_rows()), steps, *alarms],
+                   [*urgent, *details, *tables, *statistics], verbose, files)
 
 
 def base_table(base, model):

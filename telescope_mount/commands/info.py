@@ -149,18 +149,20 @@ def info_parts(info, verbose=True, files=0):
     files : int
         Lines that are printed after it.
     """
-    from calibration.report.terminal_layers import LINES, MORE, height_of, layered, some_rows
+    from calibration.report.terminal_layers import LINES, MORE, height_of, layered
     from calibration.report.terminal_tables import new_table
     *lines, problems = info_lines(info)
-    short = new_table('', f'{info["messages"]} messages', 'number', 'rate [Hz]', 'lost')
-    for row in sorted(info['topics'], key=lambda row: -row['count']):
-        short.add_row(row['name'], str(row['count']), _figure(row['rate_hz'], '.4g'),
-                      _figure(row['lost'], ''))
     if verbose:
         return [*lines, *problems, _topics(info)]
     some = layered(problems[:3], problems[3:], files=LINES - 8)
     room = LINES - files - sum(map(height_of, [*lines, *some])) - 4
-    left = some_rows(short, max(3, room))
+    rows = sorted(info['topics'], key=lambda row: -row['count'])
+    shown = rows[:max(3, room)]
+    short = new_table('', f'{info["messages"]} messages', 'number', 'rate [Hz]', 'lost')
+    for row in shown:
+        short.add_row(row['name'], str(row['count']), _figure(row['rate_hz'], '.4g'),
+                      _figure(row['lost'], ''))
+    left = len(rows) - len(shown)
     return [*lines, *some, short, *([MORE.format(f'types, and {left} topics')] if left else [])]
 
 

@@ -51,7 +51,6 @@ def add(commands):
 
 def run(args):
     """Read, search, print."""
-    from calibration.report.terminal_layers import some_rows
     from msg_tools.iso_time import iso_seconds
     from msg_tools.units import DEG
     from pointing_model.mounts import parse_mount
@@ -75,11 +74,9 @@ def run(args):
                                 low=args.lowest * DEG, dark=not args.day_too)
     found.sort(key=lambda one: one.start)
     console = new_console()
-    table = _table(found, mount) if args.verbose else _short_table(found, mount)
-    left = 0 if args.verbose else some_rows(table, _MOST)
-    console.print(table)
-    if left:
-        console.print(f'{left} more, and phase, Sun and rates: --verbose')
+    console.print(_table(found, mount) if args.verbose else _short_table(found, mount))
+    if not args.verbose and len(found) > _MOST:
+        console.print(f'{len(found) - _MOST} more, and phase, Sun and rates: --verbose')
     if not found:
         console.print('no pass in these hours' + ('' if args.day_too else ' that is in the Sun, '
                                                   'at night: --day-too has all'))
@@ -93,7 +90,7 @@ def _short_table(found, mount):
     from calibration.report.terminal_tables import new_table
     from msg_tools.units import DEG
     out = new_table(f'{len(found)} passes', 'satellite', 'UTC', 'min', 'highest', 'keyhole')
-    for one in found:
+    for one in found[:_MOST]:
         lost = ', '.join(f'{hole.lost:.0f} s of the {mount.names.axes[hole.axis]}'
                          for hole in one.keyholes)
         out.add_row(one.name, f'{datetime.fromtimestamp(one.start, timezone.utc):%Y-%m-%d %H:%M}',

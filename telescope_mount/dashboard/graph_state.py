@@ -244,9 +244,9 @@ class LastMessages:
         stamp, angles, rates, _ = convert.read_joints(message)
         state.reading_deg = _scaled(angles, DEG)
         state.rate_deg_s = _scaled(rates, DEG)
-        power_ons, said = PowerOns(), self._get(topics.INCREMENTAL_POWER_ON)
-        if said is not None:
-            power_ons.take(said)
+        power_ons, latest = PowerOns(), self._get(topics.INCREMENTAL_POWER_ON)
+        if latest is not None:
+            power_ons.take(latest)
         power_on = power_ons.of(message.header)
         state.power_on = power_on and power_on.number
         request = self._get(topics.REQUEST)

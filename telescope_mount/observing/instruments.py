@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The instruments as the observer knows them: what they said last, and which are silent."""
+"""The instruments as the observer knows them: their last values, and which are silent."""
 
 import math
 import time
@@ -159,7 +159,7 @@ class Instruments:
             return
         if (self.homed and self.power_on is None and power_on.started not in self._runs
                 and power_on.started <= self._numbered * 1e-9):
-            self._runs[power_on.started] = self.run  # said after the first readings of it
+            self._runs[power_on.started] = self.run  # published after its first readings
             self.power_on = power_on
             return
         self._numbered = stamp

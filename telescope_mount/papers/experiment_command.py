@@ -68,9 +68,9 @@ def run(args):
             satellite=args.satellite, nights=args.nights, scenario=args.scenario,
             domain_number=args.domain, progress=progress)
     print_all(console, layered(
-        [short_table(report), *short_lines(report)], [
-            *(f'alarm: {line}' for line in report['alarms']),
-            *(f'zeros: {line}' for line in season_lines(report['zeros']))],
+        [short_table(report), *short_lines(report),
+         *(f'alarm: {line}' for line in report['alarms'])],
+        [f'zeros: {line}' for line in season_lines(report['zeros'])],
         args.verbose, len(report['files']),
         [*experiment_tables(report), season_table(report['zeros'])]))
     return end_of_night(console, args.json, report, 17)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-from calibration.report.terminal_layers import LINES, height_of, layered, some_rows
+from calibration.report.terminal_layers import LINES, height_of, layered
 from calibration.report.terminal_tables import new_table, terms_table
 
 LONG = 'a note of some words ' * 8  # three lines
@@ -47,12 +47,6 @@ def test_a_short_line_behind_a_long_one_has_room():
 
 def test_empty_parts_are_none():
     assert layered(['', 'one', None], [None, 'two'], rest=['']) == ['one', 'two']
-
-
-def test_the_first_rows_of_a_table():
-    table = rows(20)
-    assert some_rows(table, 6) == 14 and height_of(table) == 6 + 3
-    assert some_rows(table, 6) == 0
 
 
 def test_many_terms_stand_in_two_columns():

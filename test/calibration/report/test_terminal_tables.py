@@ -21,7 +21,8 @@ from calibration.analysis.run_fit import fit_run
 from calibration.calibration_state import CalibrationState
 from calibration.report.documents import fit_document
 from calibration.report.row_wording import left_out_lines
-from calibration.report.terminal_tables import fit_tables, night_tables, terms_table
+from calibration.report.terminal_layers import layered
+from calibration.report.terminal_tables import fit_tables, night_parts, night_tables, terms_table
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
@@ -84,6 +85,14 @@ def test_the_simulated_change_stands_beside_the_measured_one(night):
         'az_arcsec': 20.0, 'el_arcsec': -0.25}}]}
     line = next(line for line in text_of(night_tables(report)).splitlines() if 'simulated' in line)
     assert line.split() == ['simulated', '+20.00', '-0.25']
+
+
+def test_an_alarm_is_always_printed(night):
+    alarms = [f'the absolute encoder moved by {k} arcsec' for k in range(30)]
+    first, more, rest = night_parts({**night[2], 'witnesses': {'alarms': alarms, 'notes': []}})
+    shown = layered(first, more, files=8, rest=rest)
+    assert [part for part in shown if str(part).startswith('alarm: ')] == [
+        f'alarm: {line}' for line in alarms]
 
 
 def test_nothing_is_cut_on_a_pipe(night):
