@@ -97,11 +97,14 @@ def flood(first, count, rate, seconds):
     from msg_tools import NAMESPACE, convert
     rclpy.init()
     node = rclpy.create_node(f'source_{first}', namespace=NAMESPACE)
-    pubs = [node.create_publisher(topic.message, topic.name, topic.qos)
-            for topic in _flooded()[first:first + count]]
+    flooded = _flooded()[first:first + count]
+    pubs = [node.create_publisher(topic.message, topic.name, topic.qos) for topic in flooded]
+    joints = convert.joint_state(1, [0.1, 0.2], [0.0, 0.0], frame='mount')
+    pose = convert.pose(1, [0.1, 0.2], [[1e-12, 0.0], [0.0, 1e-12]])
+    data = [serialize_message(pose if topic.message is type(pose) else joints)
+            for topic in flooded]
     while not all(pub.get_subscription_count() for pub in pubs):
         time.sleep(0.05)  # polls the match; nothing is measured yet
-    data = serialize_message(convert.joint_state(1, [0.1, 0.2], [0.0, 0.0], frame='mount'))
     print('matched', flush=True)
     sys.stdin.readline()
     begun, sent, total = time.monotonic(), 0, int(seconds * rate)
@@ -109,7 +112,7 @@ def flood(first, count, rate, seconds):
     while sent < total:
         due = min(total, int((time.monotonic() - begun) * rate))
         for number in range(sent, due):
-            pubs[number % count].publish(data)
+            pubs[number % count].publish(data[number % count])
         sent = max(sent, due)
         time.sleep(TURN)  # this is the clock of the source
     print(json.dumps({'sent': sent, 'took': time.monotonic() - begun,
@@ -120,7 +123,7 @@ def flood(first, count, rate, seconds):
 
 def _flooded():
     from msg_tools import topics
-    return topics.INCREMENTAL, topics.ABSOLUTE, topics.ABSOLUTE_SIGMA, topics.TRUTH_JOINTS
+    return topics.INCREMENTAL, topics.ABSOLUTE, topics.ABSOLUTE_POSE, topics.TRUTH_JOINTS
 
 
 # --- what processes use --------------------------------------------------------------------------

@@ -109,7 +109,7 @@ class AngleOutput:
         self._names = [axis.axis for axis in axes]
         node.problems, node.details = self.problems, self.details
         self._angles = node.publisher(topics.ABSOLUTE)
-        self._sigma = node.publisher(topics.ABSOLUTE_SIGMA)
+        self._poses = node.publisher(topics.ABSOLUTE_POSE)
         self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality
         self._rates, self._power_on = Differenced(), None
 
@@ -134,9 +134,10 @@ class AngleOutput:
                 self._power_on = power_on
             self._angles.publish(convert.joint_state(
                 stamp, angle, self._rates(stamp, angle), quality, names=self._names))
-        if self._sigma.get_subscription_count() > 0:
-            for stamp, sigma in zip(stamps, readings.sigma.tolist()):
-                self._sigma.publish(convert.joint_state(stamp, sigma, names=self._names))
+        if self._poses.get_subscription_count() > 0:
+            for stamp, angle, (first, second) in zip(
+                    stamps, readings.angle.tolist(), np.square(readings.sigma).tolist()):
+                self._poses.publish(convert.pose(stamp, angle, ((first, 0.0), (0.0, second))))
 
     def problems(self):
         """For the node's diagnostics: another reader in the graph, images that were not read."""

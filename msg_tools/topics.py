@@ -115,8 +115,9 @@ HOMING = Topic('incremental/homing', 'sensor_msgs/msg/PointCloud2', LATCHED)
 # Velocities are of the encoders' own readings: NaN where one reading alone gives none.
 ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_POWER_ON = Topic('absolute/power_on', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED)
-# Positions are the 1-sigma of the angles, as the image alone gives it, rad.
-ABSOLUTE_SIGMA = Topic('absolute/sigma', 'sensor_msgs/msg/JointState', DEEP)
+# The same angles with their covariance, as the image alone gives it. Older logs have the standard
+# errors, rad, as positions of `absolute/sigma`, sensor_msgs/msg/JointState.
+ABSOLUTE_POSE = Topic('absolute/pose', 'geometry_msgs/msg/PoseWithCovarianceStamped', DEEP)
 ABSOLUTE_FRAME = Topic('absolute/frame', 'sensor_msgs/msg/Image', SENSOR)
 MISS_DISTANCE = Topic('camera/miss_distance', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
 AMBIENT = Topic('ambient/temperature', 'sensor_msgs/msg/Temperature', HISTORY)

@@ -18,16 +18,20 @@ from collections import deque
 
 import numpy as np
 
+from msg_tools import convert
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.bag.topic_names import prefixes_of
 from msg_tools.gaps import SequenceGaps
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import ARCSEC
 
+# of older logs: the errors as positions of joints
+_OLDER_SIGMA = 'absolute/sigma'
 #: ends of the topics of instruments -> what they are
 STREAMS = {
     'incremental/joint_states': 'incremental encoder', 'absolute/joint_states': 'absolute encoder',
-    'absolute/sigma': 'absolute encoder, errors', 'absolute/frame': 'absolute encoder, images',
+    'absolute/pose': 'absolute encoder, errors', _OLDER_SIGMA: 'absolute encoder, errors',
+    'absolute/frame': 'absolute encoder, images',
     'incremental/homing': 'marks', 'camera/miss_distance': 'camera', 'inclinometer': 'inclinometer',
     'ambient/temperature': 'thermometer', 'observation': 'observations'}
 #: messages of instruments up to which each is looked at: half a minute of reading
@@ -77,7 +81,7 @@ def log_health(path):
     streams, errors = _streams(bag, named, whole)
     simulated = any(topic.name == '/clock' and topic.count for topic in bag.topics)
     return {'whole': whole, 'simulated_clock': simulated, 'streams': streams,
-            'marks': _marks(bag, named), 'sigmas_arcsec': _sigmas(errors),
+            'marks': _marks(bag, named), 'sigmas_arcsec': _sigmas(errors, _axes(bag, named)),
             'nodes': _nodes(bag),
             'problems': list(bag.problems)}
 
@@ -139,14 +143,18 @@ def _or_none(value):
     return float(value) if np.isfinite(value) else None
 
 
-def _sigmas(errors):
-    values = {}
-    for reading in errors:
-        for axis, sigma in zip(getattr(reading, 'name', ()), getattr(reading, 'position', ())):
-            values.setdefault(axis, []).append(sigma / ARCSEC)
+def _axes(bag, named):
+    """Names of both axes, by the readings of the absolute encoder."""
+    readings = [name for name in named if name.endswith('/absolute/joint_states')]
+    first = next(bag.messages(readings, decode=True), None) if readings else None
+    return ('first axis', 'second axis') if first is None else convert.joints_of(first.data.name)
+
+
+def _sigmas(errors, axes):
     out = {}
-    for axis, found in values.items():
-        found = np.array(found)
+    rows = [convert.pose_sigmas(one) if hasattr(one, 'pose') else convert.read_joints(one)[1]
+            for one in errors]
+    for axis, found in zip(axes, np.divide(rows, ARCSEC).T):
         good = found[np.isfinite(found)]
         out[axis] = {'count': len(found), 'none': int(len(found) - len(good)), **({} if not len(
             good) else {'middle': float(np.median(good)), 'largest': float(good.max()),

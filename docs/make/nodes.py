@@ -47,7 +47,7 @@ TOPICS = {
     'incremental/homing': 'how each reference mark was met, one row an axis',
     'absolute/joint_states': 'readings of the absolute encoders, rad; NaN: no reading',
     'absolute/power_on': 'number and start of its power-on, once in each',
-    'absolute/sigma': 'standard error of these readings as the image gives it, rad',
+    'absolute/pose': 'these readings with their covariance as the image gives it, in `axes`',
     'absolute/frame': "image of the discs' bars, one row an axis",
     'camera/miss_distance': 'star − boresight: x right, y down, rad; NaN: no star',
     'ambient/temperature': 'air temperature, °C; the simulator gives it in scenarios with '

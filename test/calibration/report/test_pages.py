@@ -47,6 +47,7 @@ from calibration.report.page_parts import CSS, number, value_and_error
 from calibration.report.provenance import sum_of
 from calibration.report.residual_figures import Residuals, controls, residual_sections
 from calibration.report.zero_figures import zeros_of
+from msg_tools import convert, topics
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
@@ -154,6 +155,28 @@ def test_a_log_tells_how_its_instruments_did():
     health = log_health(LOG)
     assert all(row['count'] > 0 and row['rate_hz'] != 0.0 for row in health['streams'])
     assert {'streams', 'marks', 'sigmas_arcsec', 'nodes', 'whole'} <= set(health)
+
+
+def test_older_logs_have_the_errors_of_readings_as_joint_states(tmp_path):
+    from rclpy.serialization import serialize_message
+    axes, sigmas, found = convert.JOINTS[1], ((1e-7, 2e-7), (3e-7, np.nan)), []
+    older = topics.Topic('absolute/sigma', topics.ABSOLUTE.type, topics.ABSOLUTE.quality)
+    for topic, messages in (
+            (older, [convert.joint_state(1, pair, names=axes) for pair in sigmas]),
+            (topics.ABSOLUTE_POSE, [convert.pose(1, (0.1, 0.2), np.diag(np.square(pair)))
+                                    for pair in sigmas])):
+        rows = [(topics.ABSOLUTE, convert.joint_state(1, (0.1, 0.2), names=axes)),
+                *((topic, message) for message in messages)]
+        path = tmp_path / topic.name.replace('/', '_')
+        with BagWriter(path) as log:
+            for one in (topics.ABSOLUTE, topic):
+                log.add_topic('/mount/' + one.name, one.type)
+            for time, (one, message) in enumerate(rows, 1):
+                log.write('/mount/' + one.name, serialize_message(message), time, time)
+        found.append(log_health(path)['sigmas_arcsec'])
+    for axis, none in zip(axes, (0, 1)):
+        assert found[0][axis] == pytest.approx(found[1][axis])
+        assert found[0][axis]['none'] == none and found[0][axis]['count'] == 2
 
 
 def test_a_night_that_is_over_has_its_page_from_its_log(tmp_path):
