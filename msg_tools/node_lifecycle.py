@@ -20,8 +20,9 @@ transition that its state does not have, and keeps what a callback raised to its
 
 import traceback
 
-from rclpy._rclpy_pybind11 import RCLError
-from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
+from lifecycle_msgs.srv import ChangeState
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from . import convert
 from .node import MountNode
@@ -34,8 +35,8 @@ ACTIVATION = 'activation'
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
-class ManagedNode(LifecycleNodeMixin, MountNode):
-    """A `MountNode` with the states unconfigured, inactive, active and finalized.
+class ManagedNode(MountNode, LifecycleNode):
+    """A `MountNode` that is a `LifecycleNode`: unconfigured, inactive, active or finalized.
 
     `AUTOSTART` is among its parameters. What it subscribes to and publishes is there in all
     states; what moves the mount a subclass does only while `active`.
@@ -48,10 +49,10 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
     """
 
     def __init__(self, name, params, **kwargs):
-        MountNode.__init__(self, name, params, **kwargs)
-        LifecycleNodeMixin.__init__(self)
-        self.active, self._change = False, self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
+        super().__init__(name, params, **kwargs)
+        self.active, self._state = False, 'unconfigured'
+        service = next(s for s in self.services if s.srv_type is ChangeState)
+        self._change, service.callback = service.callback, self._on_change_state
         self.starting = self.value(AUTOSTART.name)
         # when it is made, and its executor runs
         self._begin = self.every(max(1e-3, self.look_around()), self._on_begin)
@@ -59,16 +60,15 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
     def _on_begin(self):
         self.destroy_timer(self._begin)
         self.starting = False
-        if self.value(AUTOSTART.name) and self._state_machine.current_state[1] == 'unconfigured':
-            self.trigger_configure()
-            if self._state_machine.current_state[1] == 'inactive':
-                self.trigger_activate()
+        wanted = self.value(AUTOSTART.name) and self._state == 'unconfigured'
+        if wanted and self.trigger_configure() == SUCCESS:
+            self.trigger_activate()
 
     def _on_change_state(self, request, response):
-        before = self._state_machine.current_state[1]
+        before = self._state
         try:
             response = self._change(request, response)
-        except RCLError:
+        except rclpy_implementation.RCLError:
             response.success = False
         if not response.success:
             transition = request.transition.label or f'number {request.transition.id}'
@@ -96,9 +96,8 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
         """Why nothing is commanded, for people; '' while it is active."""
         if self.active:
             return ''
-        state = self._state_machine.current_state[1]
         what = {'unconfigured': 'configure and activate it', 'finalized': 'start it anew'}
-        return f'{self.get_name()} is {state}: {what.get(state, "activate it")}'
+        return f'{self.get_name()} is {self._state}: {what.get(self._state, "activate it")}'
 
     def read_command(self, message, names):
         """A trajectory on `command` for a mount with joints `names`.
@@ -126,26 +125,39 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
 
     def on_configure(self, state):
         """As rclpy's."""
-        return self._made(self.configured)
+        return self._made(self.configured, 'inactive')
 
     def on_activate(self, state):
         """As rclpy's."""
         self.active = True
-        result = self._made(self.activated)
+        result = self._made(self.activated, 'active')
         self.active = result == SUCCESS
         return result
 
     def on_deactivate(self, state):
-        """As rclpy's; so at a shutdown, and at an error, after which it is back at the start."""
-        if not self.active:
-            return SUCCESS
-        result = self._made(self.deactivated)
+        """As rclpy's."""
+        return self._rest('inactive')
+
+    def on_cleanup(self, state):
+        """As rclpy's."""
+        return self._rest('unconfigured')
+
+    def on_shutdown(self, state):
+        """As rclpy's."""
+        return self._rest('finalized')
+
+    def on_error(self, state):
+        """As rclpy's; after an error it is back at the start, or at the end."""
+        self._state = 'finalized'
+        return self._rest('unconfigured')
+
+    def _rest(self, state):
+        """Have the mount stop if it is active, and be in another state."""
+        result = self._made(self.deactivated if self.active else lambda: None, state)
         self.active = False  # whatever was in the way
         return result
 
-    on_shutdown = on_error = on_deactivate
-
-    def _made(self, call):
+    def _made(self, call, state):
         try:
             call()
         except (ValueError, OSError) as err:
@@ -154,6 +166,7 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
         except Exception:  # rclpy would keep it to itself
             self.get_logger().fatal(traceback.format_exc())
             raise
+        self._state = state
         return SUCCESS
 
     def destroy_node(self):
@@ -170,7 +183,7 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
 
     def details(self):
         """The state."""
-        return [*super().details(), ('lifecycle', self._state_machine.current_state[1])]
+        return [*super().details(), ('lifecycle', self._state)]
 
 
 class WorkerNode(ManagedNode):
