@@ -144,12 +144,6 @@ def pose(ns, angles, covariance):
         covariance=full))
 
 
-def pose_sigmas(message):
-    """Standard errors of both angles of a `pose`, rad; NaN where they are not known."""
-    variances = (message.pose.covariance[i] for i in (35, 28))
-    return [math.sqrt(variance) if variance >= 0.0 else math.nan for variance in variances]
-
-
 def vector(ns, x, y):
     """A Vector3Stamped in `OPTICAL_FRAME`, whose z is 0."""
     from geometry_msgs.msg import Vector3, Vector3Stamped

@@ -16,6 +16,10 @@
 
 `design.ros2.org/articles/node_lifecycle.html` has the states; rclpy's own managed node ends on a
 transition that its state does not have, and keeps what a callback raised to itself. These do not.
+
+Endpoints are there from the start and not made on configure: a guard that is not configured would
+have no `guard/status` and no `abort`, so nobody could say why the mount stands (two of its eight
+tests failed so). What moves a mount is silent until active.
 """
 
 import traceback

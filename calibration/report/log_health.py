@@ -18,7 +18,6 @@ from collections import deque
 
 import numpy as np
 
-from msg_tools import convert
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.bag.topic_names import prefixes_of
 from msg_tools.gaps import SequenceGaps
@@ -147,13 +146,14 @@ def _axes(bag, named):
     """Names of both axes, by the readings of the absolute encoder."""
     readings = [name for name in named if name.endswith('/absolute/joint_states')]
     first = next(bag.messages(readings, decode=True), None) if readings else None
-    return ('first axis', 'second axis') if first is None else convert.joints_of(first.data.name)
+    return ('first axis', 'second axis') if first is None else tuple(first.data.name)
 
 
 def _sigmas(errors, axes):
     out = {}
-    rows = [convert.pose_sigmas(one) if hasattr(one, 'pose') else convert.read_joints(one)[1]
-            for one in errors]
+    with np.errstate(invalid='ignore'):  # of a variance below zero, which is none
+        rows = [np.sqrt(np.take(one.pose.covariance, (35, 28))) if hasattr(one, 'pose')
+                else one.position for one in errors]
     for axis, found in zip(axes, np.divide(rows, ARCSEC).T):
         good = found[np.isfinite(found)]
         out[axis] = {'count': len(found), 'none': int(len(found) - len(good)), **({} if not len(

@@ -19,6 +19,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.lifecycle import LifecycleNode
 
 from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
 
@@ -57,6 +58,7 @@ def test_it_becomes_active_by_itself(graph):
     drive = graph.add(Drive)
     graph.wait_for(lambda: drive.active)
     assert drive.done == ['configured', 'activated'] and drive.inactive == ''
+    assert isinstance(drive, LifecycleNode)
 
 
 def test_without_autostart_it_waits_and_lives_through_what_its_state_does_not_have(graph):
