@@ -107,13 +107,13 @@ def residual_table(active, rows, site=None):
     -------
     dict of str to ndarray, shape (n,)
         ``time`` (UTC s), ``azimuth`` and ``elevation`` of the star (the mount's own angles, rad),
-        ``residual_x`` and ``residual_y`` (encoder - model on the sky, rad: along the first axis
-        times the cosine of the second, and along the second), ``check``, ``power_on``; without
-        the columns that the rows lack.
+        ``residual_right`` and ``residual_up`` (encoder - model on the sky, rad: along the first
+        axis times the cosine of the second, and along the second), ``check``, ``power_on``;
+        without the columns that the rows lack.
     """
     x, y = active.residuals(rows, site)
     columns = {'time': rows.get('time'), 'azimuth': rows['az'], 'elevation': rows['el'],
-               'residual_x': x, 'residual_y': y, 'check': rows.get('check'),
+               'residual_right': x, 'residual_up': y, 'check': rows.get('check'),
                'power_on': rows['run']}
     stars = ~is_for_zero(rows)
     return {name: np.asarray(values, float)[stars] for name, values in columns.items()

@@ -74,7 +74,7 @@ class Calibration(MountNode):
             topics.CALIBRATION_REPORT, topics.DIAGNOSIS, topics.CALIBRATION_STATUS,
             topics.CALIBRATION_TABLE,
             topics.TRACKING, topics.DISCRIMINATION, topics.CALIBRATION_FIGURES,
-            topics.CALIBRATION_RESIDUALS)}
+            topics.CALIBRATION_RESIDUALS, topics.CALIBRATION_RESIDUAL)}
         self._long = LongWork(self)
         # OBSERVATIONS is latched: after a restart it brings back the night so far
         waiting = self._long.waiting
@@ -269,6 +269,11 @@ class Calibration(MountNode):
             self._publish(topics.CALIBRATION_RESIDUALS, table_to_cloud(
                 table, self._state.last_stamp,
                 self._state.mount.direction(table['azimuth'], table['elevation'])))
+            for time, right, up in zip(table.get('time', ()), table['residual_right'],
+                                       table['residual_up']):
+                if time > 0.0:  # of rows without a time there is no series
+                    self._publish(topics.CALIBRATION_RESIDUAL,
+                                  convert.sky_vector(round(time * 1e9), right, up))
 
     def _refuse_beside_another(self):
         if self._long.name:

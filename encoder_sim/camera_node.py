@@ -29,6 +29,8 @@ from .wind_gusts import WindLoad
 
 #: so few samples of an exposure are of axes that move evenly, or say no more
 SMOOTH = 3
+#: for who reads `/diagnostics`
+STAMPS = 'stamp of miss_distance', 'middle of the exposure'
 PARAMS = (
     *DEVICE_PARAMS, *SKY_PARAMS,
     Param('exposure_s', 1.0, 'length of an exposure; one follows the other [s]', 0.01, 3600.0),
@@ -115,5 +117,5 @@ class StarCamera(MountedDevice):
         self._pub.publish(convert.sky_vector(int(middle), *miss))
 
     def details(self):
-        """Exposures without a star."""
-        return [('exposures without a star', str(self._without))]
+        """Exposures without a star, what their time is."""
+        return [('exposures without a star', str(self._without)), STAMPS]

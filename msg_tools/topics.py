@@ -150,6 +150,9 @@ CALIBRATION_FIGURES = Topic(
     'calibration/figures', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
 CALIBRATION_RESIDUALS = Topic(
     'calibration/residuals', 'sensor_msgs/msg/PointCloud2', LATCHED, computed=True)
+# the same of each star, a message for each with the star's stamp: as series
+CALIBRATION_RESIDUAL = Topic('calibration/residual', 'geometry_msgs/msg/Vector3Stamped',
+                             Quality(DEEP.depth, latched=True), computed=True)
 CALIBRATION_STATUS = Topic(
     'calibration/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
 # the rows of the night, for an observer that was started anew and has none

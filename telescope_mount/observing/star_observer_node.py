@@ -62,6 +62,9 @@ HIGHEST = 1.75
 ANSWERS_WITHIN = 10.0
 LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN,
           'cancelled': DiagnosticStatus.WARN}
+#: how steps of a plan are asked for, for who reads the status
+ASK = ('rcl_interfaces/srv/SetParametersAtomically, 20 stars: {parameters: [{name: stars, value: '
+       '{type: 2, integer_value: 20}}]}')
 #: services that move the mount, or take its zero
 MOVING = ('home', 'power_cycle')
 
@@ -326,7 +329,8 @@ class StarObserver(MountNode):
         least = DiagnosticStatus.WARN if self._sequencer.faults else DiagnosticStatus.OK
         self._status_pub.publish(convert.status(
             LEVELS.get(progress.state, least), self.get_fully_qualified_name(),
-            text, **progress.rows(), refusal=self._sequencer.night.refusal))
+            text, **progress.rows(), refusal=self._sequencer.night.refusal,
+            ask=f'{self.get_fully_qualified_name()}/plan: {ASK}'))
         self._plan_topics.publish(progress, self._sequencer.busy)
 
     # --- diagnostics --------------------------------------------------------------------------

@@ -148,9 +148,10 @@ def test_terms_zero_and_errors_are_numbers_to_plot(graph):
     assert series['rms/raw/used/radial_arcsec'] == pytest.approx(
         report['steps'][0]['used']['radial'])
     left = cloud_to_table(residuals)
-    assert len(left['residual_x']) == 30
+    assert len(left['residual_right']) == 30
     assert convert.from_stamp(residuals.header.stamp) == desk.stamp
-    rms = np.hypot(*(np.sqrt(np.mean(left[f'residual_{axis}']**2)) for axis in 'xy')) / ARCSEC
+    rms = np.hypot(*(np.sqrt(np.mean(left[f'residual_{way}']**2))
+                     for way in ('right', 'up'))) / ARCSEC
     assert series['rms/7_physical_terms/used/radial_arcsec'] < rms
     assert rms < series['rms/7_physical_terms/held_out/radial_arcsec']
 

@@ -386,4 +386,4 @@ def test_every_stamped_message_is_in_a_frame_of_the_urdf(night):
     assert {name for name, found in frames.items() if found == {'axes'}} == {
         '/mount/zero/pose', '/mount/absolute/pose'}
     assert {name for name, found in frames.items() if found == {'boresight_optical'}} == {
-        '/mount/camera/miss_distance', '/mount/offset'}
+        '/mount/camera/miss_distance', '/mount/offset', '/mount/calibration/residual'}

@@ -123,5 +123,6 @@ class IndiSky(WorkerNode):
         return [(DiagnosticStatus.WARN, source.note)] if source.note else []
 
     def details(self):
-        """Exposures without a star."""
-        return [*super().details(), ('exposures without a star', str(self._without))]
+        """Exposures without a star, what their time is."""
+        return [*super().details(), ('exposures without a star', str(self._without)),
+                ('stamp of miss_distance', 'middle of the exposure')]

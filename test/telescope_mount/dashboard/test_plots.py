@@ -90,7 +90,7 @@ def test_foxglove_finds_each_series(series):
     paths = re.findall(r'"value": "(.*figures\..*)"', text)
     named = ['/'.join(FIGURES.fullmatch(json.loads(f'"{path}"')).groups()) for path in paths]
     vectors = [path.replace('.', '/') for path in re.findall(r'"(/mount/.*\.vector\.[xy])\.', text)]
-    assert (len(named), len(vectors)) == (21, 4)
+    assert (len(named), len(vectors)) == (21, 6)
     assert [name for name in named + vectors if not series.get(name)] == []
 
 
@@ -104,4 +104,11 @@ def test_what_is_left_of_each_star_is_drawn_where_it_stands(night):
     np.testing.assert_allclose(np.arctan2(x, y) % (2 * np.pi), table['azimuth'] % (2 * np.pi),
                                atol=1e-6)
     np.testing.assert_allclose(z, np.sin(table['elevation']), atol=1e-6)
-    assert {'residual_x', 'residual_y', 'time'} <= set(table) and len(z) == 16
+    assert {'residual_right', 'residual_up', 'time'} <= set(table) and len(z) == 16
+    # and as series, each at the star's time
+    each = [one.data for one in BagReader(night / 'bag').messages(
+        '/mount/calibration/residual', decode=True)][-len(z):]
+    stamps = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in each]
+    np.testing.assert_allclose(stamps, table['time'], rtol=0.0, atol=1e-6)
+    np.testing.assert_array_equal([one.vector.x for one in each], table['residual_right'])
+    np.testing.assert_array_equal([-one.vector.y for one in each], table['residual_up'])
