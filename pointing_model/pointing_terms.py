@@ -233,6 +233,44 @@ def terms_of(mount):
         kind, tuple(names.terms))
 
 
+#: likely cause, and where to look, by the names of alt-azimuth mounts
+_CAUSES = {
+    'IA': ('zero of the {first} encoder off', 'zero of the {first} encoder'),
+    'IE': ('zero of the {second} encoder off', 'zero of the {second} encoder'),
+    'CA': ('tube, mirror or camera not square to the {second} axis',
+           'shims of the tube; mirror and camera in it'),
+    'NPAE': ('{second} axis not square to the {first} axis',
+             'height of the bearings of the {second} axis'),
+    'TF': ('flexure of the tube under its weight', 'stiffness of the tube and of the mirror cell'),
+    'TX': ('refraction, or flexure that grows toward the horizon',
+           'pressure and temperature for the refraction')}
+#: of the tilts of the first axis, by where it points
+_TILTS = {'zenith': ('base not level', 'feet and pier: level of the base'),
+          'celestial': ('polar axis off the pole', 'bolts of the polar axis')}
+
+
+def term_cause(name, mount):
+    """What a term is on the mount.
+
+    Parameters
+    ----------
+    name : str
+        One of `terms_of` the mount.
+    mount : Mount
+
+    Returns
+    -------
+    cause, check : str
+        Its likely cause, and where to look; '' where no single part is known.
+    """
+    kind = KINDS[mount.kind]
+    own, _ = kind.terms.get(name, (name, 1))
+    if own in ('AN', 'AW'):
+        return _TILTS.get(kind.pole, (f'{kind.shafts[0]} tilted', 'its bearings and base'))
+    cause, check = _CAUSES.get(own, (terms_of(mount)[name].doc, ''))
+    return tuple(text.format(first=kind.axes[0], second=kind.axes[1]) for text in (cause, check))
+
+
 def known_terms(names, mount=ALTAZ):
     """The `Term` of each name.
 

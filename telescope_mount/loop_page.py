@@ -19,7 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.report.diagnosis_summary import effect_line
 from calibration.report.drawing import clean, limit_of
+from calibration.report.error_table import errors_section
 from calibration.report.page_parts import (
     Markup,
     body_of,
@@ -40,7 +42,7 @@ from msg_tools.bag.recorder import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC
 from msg_tools.whole_files import write_text
-from pointing_model.effects.base import arcsec
+from pointing_model.effects.base import arcsec, readable
 
 from .loop_tables import added, effect_rows, loop_sentences
 
@@ -72,7 +74,10 @@ def write_loop_page(folder, report, run):
     before, after = (same[when]['rms_arcsec'] for when in ('before', 'after'))
     label = same['of']
     what = report['scenario'] or Path(str(report['source'])).name
-    headline = f'{arcsec(after)} RMS on {label} with the new model, {arcsec(before)} with the old'
+    lines = sorted((effect_line(row, readable(row['name'])) for row in report['effects']),
+                   key=lambda one: -(one.removes_arcsec or 0.0))
+    headline = (f'{lines[0].name}: ' if lines else '') + (
+        f'{arcsec(after)} RMS on {label} with the new model, {arcsec(before)} with the old')
     alarms = [f'Alarm: {text}' for text in report['alarms']]
     params = {}
     with suppress(OSError, ValueError):
@@ -88,10 +93,11 @@ def write_loop_page(folder, report, run):
                        (report['noise_floor_arcsec'], 'noise floor')]),
                 'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else '',
                 listed(alarms), hits and f'<p class="note">{_BLIND}</p>{hits}'),
-        section('Effects added', table(
+        errors_section(lines, title='Largest errors') or section(
+            'Largest errors', '<p>None found: the model is unchanged.</p>'),
+        folded_section('Effects added', table(
             ('effect', 'coefficient', 'arcsec', 'σ', 'p', 'ΔBIC'),
-            effect_rows(report['effects']), 'numbers')
-            or '<p>None: the model is unchanged.</p>'),
+            effect_rows(report['effects']), 'numbers')),
         folded_section('Summary', listed(loop_sentences({**report, 'notes': [], 'alarms': []}))),
         folded_section('RMS', gains(_bars(report), report['noise_floor_arcsec'], 'noise floor')),
         folded_section('Diagnosis', body_of(diagnosis)),

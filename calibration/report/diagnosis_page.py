@@ -14,13 +14,12 @@
 
 """The page of a diagnosis: one HTML file that opens from disk, offline, and prints."""
 
-from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import kind_of
 
 from . import diagnosis_sections as page
 from . import page_parts as html
-from .diagnosis_summary import MOST_EFFECTS
 from .drawing import clean
+from .error_table import MOST_ERRORS, errors_section
 from .provenance import provenance_section
 from .refit_preview import preview
 from .residual_figures import controls, histograms, sky_maps, targets
@@ -81,33 +80,16 @@ def render(view, files=None):
 
 def _summary(view):
     """What is read in five seconds; and in a minute."""
-    summary, most = view.summary, MOST_EFFECTS
-    effects, rest = summary.effects, [*summary.cautions, summary.todo]
+    summary = view.summary
     return (
         html.verdict(
             view.badge[1], summary.headline, [], html.cards(summary.numbers), view.badge[0],
             sky_maps(view.residuals),
             html.paragraph(f'RMS on the sky, {summary.validation}.' * bool(summary.numbers),
                            'note')),
-        html.section(
-            'Largest errors' if effects else 'Cautions', _effect_table(effects[:most]),
-            html.folded(f'And {len(effects) - most} smaller', _effect_table(effects, most)),
-            html.listed(rest)))
-
-
-def _effect_table(effects, first=0):
-    """The ranked table of effects, from the one that is to come first."""
-    rows = list(enumerate(effects, 1))[first:]
-    return html.table(
-        ('', 'effect', 'peak to peak', 'RMS removed', 'likely causes', 'check first'),
-        [(str(i), one.name, _size(one.reach_arcsec), _size(one.removes_arcsec),
-          one.named_causes(1 + (i == 1 and len(effects) < MOST_EFFECTS)), one.check)
-         for i, one in rows],
-        'folding stack')
-
-
-def _size(value):
-    return None if value is None else arcsec(value)
+        errors_section(
+            summary.effects, html.listed([*summary.cautions, summary.todo]),
+            title='Largest errors' if summary.effects else 'Cautions'))
 
 
 def _tpoint_signs(document):
@@ -119,13 +101,13 @@ def _tpoint_signs(document):
 
 def _effects(view):
     parts = []
-    for effect in view.effects[:MOST_EFFECTS]:
+    for effect in view.effects[:MOST_ERRORS]:
         drawing = page.effect_figure(view, effect)
         kind = 'effect one' if drawing.count('<svg') == 1 else 'effect'
         parts.append(html.subsection(
             effect.name, f'<div class="{kind}"><div>{page.causes(effect.causes)}'
             f'{html.definitions(effect.facts)}</div>{drawing}</div>'))
-    left = len(view.effects) - MOST_EFFECTS
+    left = len(view.effects) - MOST_ERRORS
     more = f'{left} smaller ones: in the JSON result.' if left > 0 else ''
     return html.folded_section('Effects', *parts, note=' '.join(
         filter(None, [view.axes_note, more])))

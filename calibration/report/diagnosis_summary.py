@@ -14,7 +14,7 @@
 
 """The first layer of a diagnosis: what is wrong, how large, how sure; what to check first."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import USUAL, kind_of
 
 from .cause_wording import counted, open_causes, short_cause, still_open
+from .error_table import ErrorLine
 from .figure_wording import STAYS, best_pair, way_size
 from .observation_wording import place_words, proposals
 from .period_wording import PHASE
@@ -29,8 +30,6 @@ from .row_wording import bad_nights, far_text, left_out_lines
 from .scatter_wording import axes_sentence, axes_words, is_headline, scatter_sentence
 from .verdict_wording import slow_is_largest
 
-#: effects that the terminal lists, and causes of each; the others are counted
-MOST_EFFECTS, _MOST_CAUSES = 3, 2
 MOST_OUTLIERS, _REASONS = 3, 2
 #: why a row is excluded, where that is said elsewhere
 _EXPLAINED = ('outlier', 'commented out')
@@ -41,47 +40,6 @@ _HEADLINES = {
     'refused': 'Nothing is concluded: too few of the rows are usable.',
     'withheld': 'No change: with the effects that were found the model points worse.',
     'taken_back': 'Effects removed again: with them the model points worse on new stars.'}
-
-
-@dataclass
-class EffectLine:
-    """One effect, for the ranked table.
-
-    Attributes
-    ----------
-    name : str
-    reach_arcsec, removes_arcsec : float or None
-        Peak to peak, and RMS removed, on the sky.
-    causes : list of str
-        The quickest to check first.
-    check : str
-        What to look at.
-    stability : str
-        In how many resamples it was found; '' where that is not known.
-    """
-
-    name: str
-    reach_arcsec: float | None
-    removes_arcsec: float | None
-    causes: list = field(default_factory=list)
-    check: str = ''
-    stability: str = ''
-
-    @property
-    def size(self):
-        """Both sizes in words."""
-        return ', '.join(f'{arcsec(value)} {word}' for value, word in (
-            (self.reach_arcsec, 'peak to peak'), (self.removes_arcsec, 'RMS')) if value)
-
-    @property
-    def causes_text(self):
-        """The first causes; the others counted."""
-        return self.named_causes()
-
-    def named_causes(self, most=_MOST_CAUSES):
-        """So many causes; the others counted."""
-        named, more = self.causes[:most], len(self.causes) - most
-        return '; '.join(named) + (f'; or {more} more' if more > 0 else '')
 
 
 @dataclass
@@ -96,7 +54,7 @@ class DiagnosisSummary:
         RMS on the sky and what it is of: raw, with the terms, with the effects.
     validation : str
         On what the last two rest.
-    effects : list of EffectLine
+    effects : list of ErrorLine
         The largest first.
     cautions : list of str
         What may put all of it in doubt.
@@ -171,16 +129,22 @@ def _headline(document, effects):
 
 
 def _line(document, row, name, reach):
+    spread = document['after'].get('cv_spread') or {}
+    found = (spread.get('chosen_set') or spread.get('chosen') or {}).get(row['name'])
+    return effect_line(
+        row, name, reach, f'in {found} of {spread["folds"]} resamples' if found is not None else '')
+
+
+def effect_line(row, name, reach=None, stability=''):
+    """The `ErrorLine` of an effect in the document of a diagnosis."""
     causes = sorted(row.get('causes') or (),
                     key=lambda one: (bool(one.get('more_effects')), one.get('effort', 1)))
     causes = [*causes, *still_open(row)]
-    spread = document['after'].get('cv_spread') or {}
-    found = (spread.get('chosen_set') or spread.get('chosen') or {}).get(row['name'])
     check = next((one['look_at'].partition(';')[0] for one in causes if one.get('look_at')), '')
-    return EffectLine(
+    return ErrorLine(
         name[:1].upper() + name[1:], reach, row.get('removes_rms_arcsec'),
         list(dict.fromkeys(short_cause(one['cause']).partition(':')[0] for one in causes)), check,
-        f'in {found} of {spread["folds"]} resamples' if found is not None else '')
+        stability)
 
 
 def _cautions(document):

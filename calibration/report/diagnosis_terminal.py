@@ -19,7 +19,7 @@ from rich.text import Text
 
 from pointing_model.effects.base import driver_word
 
-from .diagnosis_summary import MOST_EFFECTS
+from .error_table import MOST_ERRORS
 from .terminal_layers import height_of
 from .terminal_tables import decimals, new_table
 
@@ -44,12 +44,12 @@ def summary_lines(view):
     if summary.numbers:
         first.append('RMS: ' + ', '.join(f'{value} {word}' for value, word in summary.numbers)
                      + f' ({summary.validation})')
-    smaller = len(summary.effects) - MOST_EFFECTS
+    smaller = len(summary.effects) - MOST_ERRORS
     last = [f'{smaller} smaller effect{"s" * (smaller > 1)}'] if smaller > 0 else []
     last += [f'caution: {text}' for text in summary.cautions[:_MOST_CAUTIONS]]
     last += [summary.todo, f'{view.used.partition(";")[0]}; all details: --verbose']
     effects = []
-    for i, one in enumerate(summary.effects[:MOST_EFFECTS], 1):
+    for i, one in enumerate(summary.effects[:MOST_ERRORS], 1):
         effects.append([f'{i}. {one.name}: {one.size}', *(
             f'   {word}: {text}' for word, text in (
                 ('cause', one.named_causes(1 + (i == 1))), ('check', one.check)) if text)])

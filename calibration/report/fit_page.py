@@ -27,6 +27,7 @@ from . import page_parts as html
 from .alignment_wording import alignment_lines
 from .diagnosis_sections import exclusions
 from .drawing import clean
+from .error_table import errors_section, term_lines
 from .provenance import provenance_section, site_degrees, site_text
 from .refit_preview import preview
 from .residual_figures import controls, residual_sections, run_residuals, sky_maps
@@ -75,6 +76,9 @@ def render_fit(found, document):
             html.listed([outliers, *map(wording, [
                 *_patterns(found.findings), *result.findings(run)])]),
             sky_maps(data)),
+        errors_section(term_lines(document['terms'], run), note='' if last is None else (
+            f'The model corrects these. What causes the {arcsec(last)} left: telescope-mount '
+            f'diagnose {Path(str(source)).name}')),
         terms_section(document['terms'], result.correlations, list(result.names),
                       f'Encoder − catalogue; σ from the {result.covariance_from}; condition '
                       f'{result.condition:.0f}, rank {result.rank} of {len(result.names)}; noise '

@@ -36,8 +36,10 @@ from pointing_model.zero import NO_ZERO, Zeros, active_zeros, is_for_zero
 from pointing_model.zero_drift import Following
 
 from .drawing import clean
+from .error_table import ErrorLine, errors_section, term_lines
 from .health_section import headline_of, health_section, models_section
 from .log_health import log_health
+from .night_document import steps_of
 from .page_parts import FOOTER, body_of, cards, folded_section, gains, listed, verdict, whole
 from .provenance import provenance_section, site_text
 from .residual_figures import controls, residual_sections, run_residuals, sky_maps
@@ -163,6 +165,7 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
     body = [
         f'<h1>Night{" of " * bool(when)}{when}</h1>', _meta(run, data, begin, end),
         controls(data), _verdict(report, data),
+        _largest(report, run),
         terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
                       'σ from the fit; a number in brackets is the change of that term from the '
                       'first power-on.'),
@@ -222,6 +225,22 @@ def _verdict(report, data):
             f'Nothing was fitted; {size:.2f}″ RMS, {data.after_text}'
     return verdict('alarm' if alarms else '', headline, [], cards(numbers),
                    'alarm' if alarms else '', listed(lines), sky_maps(data))
+
+
+def _largest(report, run):
+    """Zero and terms as errors, and where to look for what they leave."""
+    first, zeroed, last = steps_of(report)
+    lines = term_lines(report.get('terms'), run.select(~is_for_zero(run)) if 'star' in run else run)
+    if zeroed:
+        before, after = (step['held_out']['radial'] for step in (first, zeroed))
+        lines.append(ErrorLine(
+            'Zero of the power-on', None, float(np.sqrt(max(before**2 - after**2, 0.0))),
+            ['incremental encoders count from where they were switched on'],
+            'set the zero on Polaris after each power-on'))
+        lines.sort(key=lambda one: -one.removes_arcsec)
+    left = '' if last is None else f' What causes the {last["held_out"]["radial"]:.2f}″ left: ' + (
+        'see Diagnosis.' if report.get('verdict') else 'telescope-mount diagnose bag')
+    return errors_section(lines, note=f'Zero and model correct these.{left}')
 
 
 def _noise(report):

@@ -21,6 +21,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .drawing import Panel, limit_of, svg
+from .error_table import errors_section, term_lines
 from .page_parts import (
     Markup,
     body_of,
@@ -109,6 +110,7 @@ def render_tracks(fit, document, diagnosis, files):
             (None if clock is None else f'{1e3 * clock["late_s"]:+.1f} ± '
              f'{1e3 * clock["sigma_s"]:.1f} ms', 'clock (positive: stamps are late)'))), '',
             listed(document['notes']), first and marks + first),
+        errors_section(term_lines(document['terms'], fit.tracks.run)),
         section('Terms', table(('term', 'value ″', '± ″'), [
             (term['name'], number(term['value_arcsec'], 2, True), number(term['sigma_arcsec']))
             for term in document['terms']], 'numbers'),

@@ -60,7 +60,7 @@ def render_season(result, files):
     """
     document, season = worded(result.document()), result.season
     first, last = (date_of(season.nights[i].time) for i in (0, -1))
-    causes = cause_rows(result.findings())
+    causes = cause_rows(result.findings(), season.mount)
     headline = (f'{counted(len(causes), "cause")} found. Largest: {" ".join(causes[0][:2])}, '
                 f'{causes[0][2]}.' if causes else 'The terms drift; no cause found.')
     largest = season.names.index(causes[0][0]) if causes else 0
@@ -74,7 +74,7 @@ def render_season(result, files):
             (f'{len(season.nights)}', 'nights'), (f'{len(causes)}', 'causes'),
             (f'{rms:.2f}″', 'median RMS of a night’s fit')]), '' if causes else 'none', '',
             _legend(bool(causes)) + figure(scrolled(_panel(result, largest)), '')),
-        section('Causes, largest first', _causes(causes[:_MOST]), folded(
+        section('Largest changes', _causes(causes[:_MOST]), folded(
             f'And {len(causes) - _MOST} smaller', _causes(causes[_MOST:]))),
         section(f'Predicted terms for {document["tonight"]["time"]}', _tonight(document)),
         folded_section('Other terms', _legend(bool(causes)), *(
@@ -87,7 +87,8 @@ def render_season(result, files):
 
 
 def _causes(rows):
-    return table(('term', 'change', 'with', 'action'), rows, 'folding stack')
+    return table(('term', 'change', 'with', 'likely cause', 'check first'), rows,
+                 'folding stack')
 
 
 def _tonight(document):

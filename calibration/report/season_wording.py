@@ -17,6 +17,7 @@
 from datetime import datetime, timezone
 
 from calibration.analysis.season.season_nights import NO_DATE
+from pointing_model.pointing_terms import term_cause, terms_of
 
 
 def _moved(found):
@@ -51,18 +52,19 @@ def _left_out(found):
     return f'{found["night"]}: left out, {found["why"]}{advice * (found["why"] == NO_DATE)}'
 
 
-def cause_rows(findings):
-    """Term, change, with what it changed, what to do: a row each, steps by size first.
+def cause_rows(findings, mount):
+    """Term, change, with what, likely cause, what to check: a row each, steps by size first.
 
     Parameters
     ----------
     findings : sequence of Finding
+    mount : pointing_model.mounts.Mount
 
     Returns
     -------
-    list of (str, str, str, str)
+    list of tuple of str
     """
-    rows = []
+    rows, known = [], terms_of(mount)
     for found in findings:
         kind = found.kind.removeprefix('season ')
         for term, v, s in found['terms']:
@@ -76,9 +78,15 @@ def cause_rows(findings):
             else:
                 change, with_ = f'{v[0]:+.2f} ± {s[0]:.2f}″', {
                     'trend': 'per year'}.get(kind) or f'per unit of {found["cause"]}'
-            action = 'what was done to the mount then?' if kind == 'step' else \
-                str(found['cause']) if kind == 'declared' else ''
-            rows.append((not step, -abs(v[0]), (term, change.replace('-', '−'), with_, action)))
+            part, check = term_cause(term, mount) if term in known else (term, '')
+            cause = f'{part}: ' + (str(found['cause']) if kind == 'declared' else
+                            'work on the mount, or a part slipped' if kind == 'step' else
+                            'age, wear or ground' if kind == 'trend' else
+                            'temperature or ground' if kind == 'year' else str(found['cause']))
+            rows.append((not step, -abs(v[0]), (
+                term, change.replace('-', '−'), with_, cause,
+                'what was done to the mount then' + f'; {check}' * bool(check) if kind == 'step'
+                else check)))
     return [row for *_, row in sorted(rows, key=lambda one: one[:2])]
 
 

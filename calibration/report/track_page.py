@@ -15,12 +15,15 @@
 """The page of a run that was tracked: misses in time, innovations, terms in hindsight."""
 
 from datetime import datetime, timezone
+from pathlib import Path
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.pointing_terms import term_cause, terms_of
 
 from .drawing import Panel, padded, svg
+from .error_table import ErrorLine, errors_section
 from .page_parts import (
     cards,
     figure,
@@ -37,7 +40,8 @@ from .page_parts import (
 from .provenance import provenance_section
 from .wording import worded
 
-_WIDTH = 940
+#: a drift of so many standard errors is one
+_WIDTH, _CLEAR = 940, 3.0
 
 
 def render_track(tracked, files):
@@ -72,6 +76,7 @@ def render_track(tracked, files):
                         ('expected', 'adaptive model, expected RMS'))), '', '', legend(
             ('before', 'fixed model (dots)'), ('after', 'adaptive, predicted (squares)'),
             ('fit', 'expected, 1 σ')) + figure(scrolled(_misses(tracked, hours)), '')),
+        _largest(tracked, missed, files),
         section('Events', table(('UTC', 'star', 'what'), events)),
         folded_section('Filter', listed(tracking_lines(summary)), innovations_figure(
             np.sum((tracked.live / tracked.sigma)**2, axis=1))),
@@ -80,6 +85,30 @@ def render_track(tracked, files):
                        note='From all stars; ± 2 σ, arcsec.'),
         provenance_section([], files)]
     return whole('Adaptive model', body, 'Tracking of a telescope mount')
+
+
+def _largest(tracked, missed, files):
+    """Terms that moved, and which model to point with."""
+    back, mount, lines = tracked.smoothed, tracked.model.mount, []
+    known = terms_of(mount)
+    for i, name in enumerate(back.names):
+        low, high = (int(find(back.terms[:, i])) for find in (np.argmin, np.argmax))
+        reach = (back.terms[high, i] - back.terms[low, i]) / ARCSEC
+        error = float(np.hypot(back.sigma[high, i], back.sigma[low, i])) / ARCSEC
+        if reach > _CLEAR * error:
+            cause, check = term_cause(name, mount) if name in known else (name, '')
+            lines.append(ErrorLine(f'{name} moved by {reach:.1f} ± {error:.1f}″', reach, None,
+                                   [f'moves: {cause}'], check))
+    squares = np.sum(tracked.evening**2 - tracked.live**2, axis=1)
+    gain = np.mean(squares) / max(float(np.std(squares)) / len(squares)**0.5, 1e-30)
+    advice = ('Point with the adaptive model.' if gain > 2.0 else
+              'The adaptive model is no better: point with the fixed model.' if gain > -2.0 else
+              'The adaptive model is worse: point with the fixed model.')
+    return errors_section(
+        sorted(lines, key=lambda one: -one.reach_arcsec), listed([
+            '' if lines else 'No term moved by more than its error.', advice,
+            f'What causes the {missed["tracked"]:.2f}″ left: telescope-mount diagnose '
+            + ' '.join(Path(path).name for path in files)]), title='Largest drifts')
 
 
 def _misses(tracked, hours):

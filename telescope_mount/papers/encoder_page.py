@@ -18,6 +18,7 @@
 import numpy as np
 
 from calibration.report.drawing import Panel, limit_of, svg
+from calibration.report.error_table import ErrorLine, errors_section
 from calibration.report.page_parts import (
     cards,
     figure,
@@ -40,6 +41,11 @@ from .encoder_test import PRINTED_STD, notes
 #: method -> how it is drawn: colour and mark
 STYLES = {'centroid': 'before', 'parabola': 'fit', 'paper': 'after', 'template': 'third'}
 _MARKS = {'before': 'dots', 'fit': 'crosses', 'after': 'squares', 'third': 'triangles'}
+#: methods of the paper, and why each errs
+_CAUSES = {
+    'centroid': 'one bar alone; noise at its edges decides which pixels count',
+    'paper': 'bars cut at the ends of the row falsify the fitted period',
+    'parabola': 'the phase is read at pixel 0, at the end of the line through the bars'}
 #: arcsec: a reading so wrong is a bar off, and would flatten the rest
 _GROSS = 600.0
 
@@ -60,7 +66,7 @@ def render_encoder_test(report, files=()):
     curves, table_2 = report['curves'], report['table_2']
     headline = (f'{arcsec(own)} by the template, {arcsec(paper)} by the method of the paper, '
                 f'which printed {PRINTED_STD["paper"]:.2f}″')
-    reading = np.arange(1.0, 24.0)
+    reading, two = np.arange(1.0, 24.0), ('paper', 'template')
     legends = legend(*((style, f'{name} ({_MARKS[style]})') for name, style in STYLES.items()))
     body = [
         '<h1>23-face test of the absolute encoder</h1>',
@@ -69,8 +75,10 @@ def render_encoder_test(report, files=()):
         'levels unless said · a simulated bench</p>',
         verdict('', headline, [], cards([
             (own, 'template, σ'), (paper, 'method of the paper, σ'),
-            (PRINTED_STD['paper'], 'printed in the paper, σ')]), '', '', legends + _curves(
-                'One turn', reading, curves['first_turn'], ('paper', 'template'))),
+            (PRINTED_STD['paper'], 'printed in the paper, σ')]), '', '', legend(*(
+                (STYLES[name], f'{name} ({_MARKS[STYLES[name]]})') for name in two)) + _curves(
+                    'One turn', reading, curves['first_turn'], two)),
+        errors_section(_largest(methods)),
         section('Methods', _methods(report)),
         folded_section('Notes', listed(notes(report))),
         folded_section('Standard deviations', gains([(name.replace('_', ' '), [
@@ -115,6 +123,16 @@ def _curves(title, x, curves, names=tuple(STYLES), label='reading', marks=True):
             deviations.append(f'{name} {np.std(y[good], ddof=1):.2f}')
     return figure(svg(446, 274, panel.parts, f'{title}. Standard deviation, arcsec: '
                       + ', '.join(deviations)), f'{title}.')
+
+
+def _largest(methods):
+    """Each method of the paper as an error, and what to do."""
+    own = methods['template']['std_arcsec']
+    return sorted((ErrorLine(
+        f'Method {name.replace("_", " ")}', 2.0 * methods[name]['max_arcsec'],
+        float(np.sqrt(max(methods[name]['std_arcsec']**2 - own**2, 0.0))), [cause],
+        'read by the template (method: template)')
+        for name, cause in _CAUSES.items()), key=lambda one: -one.removes_arcsec)
 
 
 def _methods(report):

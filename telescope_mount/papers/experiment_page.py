@@ -21,6 +21,7 @@ from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.zero.zero_causes import COVARIATES
 from calibration.analysis.zero.zero_season import season_from_rows
 from calibration.report.drawing import Panel, limit_of, svg
+from calibration.report.error_table import ErrorLine, errors_section
 from calibration.report.page_parts import (
     cards,
     figure,
@@ -93,6 +94,7 @@ def render_experiment(report, run=None, files=()):
                 'alarm' if report['alarms'] else '', listed(lines), legend(
                     ('before', 'before the zero is set (dots)'), ('after', 'after (squares)'))
                 + pair(_nights(table1, axis, name, 'after') for axis, name in AXES)),
+        errors_section(_largest(summary), note=f'{radial["after"]:.2f}″ are left: quote this.'),
         section('Nights', _table(report)),
         folded_section('Axes', gains(bars), pair(
             _nights(table1, axis, name, 'before') for axis, name in AXES)),
@@ -103,6 +105,19 @@ def render_experiment(report, run=None, files=()):
         provenance_section([('seed', str(report.get('seed'))), ('what the simulator does', what)],
                            files)]
     return whole('Nights with the model of two nights before', body, 'Experiment of paper 000')
+
+
+def _largest(summary):
+    """The zero of each axis as an error, the larger first."""
+    lines = []
+    for axis, name in AXES:
+        before, after = (summary[f'{when}_{axis}_arcsec']['rms'] for when in WHENS)
+        lines.append(ErrorLine(
+            f'Zero of the {name} encoder, from night to night', None,
+            float(np.sqrt(max(before**2 - after**2, 0.0))),
+            ['incremental encoders count from where they were switched on'],
+            'set the zero on Polaris at the begin of each night'))
+    return sorted(lines, key=lambda one: -one.removes_arcsec)
 
 
 def _radial(statistics, when):

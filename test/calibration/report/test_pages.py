@@ -104,9 +104,9 @@ def fitted(tmp_path_factory):
 def test_the_page_of_a_night_has_every_part(night):
     headings = re.findall('<h2>([^<]*)</h2>', night.text)
     assert headings[1:] == [
-        'Terms of the model', 'RMS', 'Target', 'Residuals in time', 'Residuals by axis',
-        'Histograms', 'Stars', 'Zero by power-on', 'Encoders and instruments', 'Models compared',
-        'Diagnosis', 'Notes', 'Provenance']
+        'Largest errors', 'Terms of the model', 'RMS', 'Target', 'Residuals in time',
+        'Residuals by axis', 'Histograms', 'Stars', 'Zero by power-on',
+        'Encoders and instruments', 'Models compared', 'Diagnosis', 'Notes', 'Provenance']
     last = next(step for step in night.report['steps'] if step['step'] == '7 physical terms')
     assert headings[0].startswith(
         f'{last["held_out"]["radial"]:.2f}″ RMS on held-out stars with the model; ')

@@ -21,8 +21,9 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from calibration.report.diagnosis_summary import DiagnosisSummary, EffectLine
+from calibration.report.diagnosis_summary import DiagnosisSummary
 from calibration.report.diagnosis_terminal import summary_lines
+from calibration.report.error_table import ErrorLine
 from calibration.report.terminal_layout import TerminalTable
 from calibration.report.terminal_tables import night_tables, terms_table
 
@@ -98,7 +99,7 @@ def test_a_night_at_any_width():
 
 def test_the_first_layer_of_a_diagnosis_has_24_lines():
     long = 'a cause that takes so many words that it has more than one line of eighty columns'
-    effects = [EffectLine(f'Effect {i} with a name of some words', 12.0, 3.0, [long] * 3, long)
+    effects = [ErrorLine(f'Effect {i} with a name of some words', 12.0, 3.0, [long] * 3, long)
                for i in range(5)]
     view = SimpleNamespace(used='90 of 98 rows used; 8 more', summary=DiagnosisSummary(
         'A headline that says what is wrong, how large that is and how sure. ' * 2,
