@@ -47,7 +47,8 @@ from pointing_model.effects.base import arcsec, readable
 from .loop_tables import added, effect_rows, loop_sentences
 
 #: of the picture
-_BLIND = 'Fresh stars pointed at by the model alone: what the camera saw.'
+_BLIND = ('Numbers: the same fresh stars by both models. Pictures: fresh stars pointed at by one '
+          'model, as the camera saw them.')
 _FILES = ('bag', 'observations.csv', 'model.json', 'report.json', 'diagnosis.json')
 
 
@@ -76,7 +77,7 @@ def write_loop_page(folder, report, run):
     what = report['scenario'] or Path(str(report['source'])).name
     lines = sorted((effect_line(row, readable(row['name'])) for row in report['effects']),
                    key=lambda one: -(one.removes_arcsec or 0.0))
-    headline = (f'{lines[0].name}: ' if lines else '') + (
+    headline = (f'Largest error: {readable(lines[0].name)}. ' if lines else '') + (
         f'{arcsec(after)} RMS on {label} with the new model, {arcsec(before)} with the old')
     alarms = [f'Alarm: {text}' for text in report['alarms']]
     params = {}
@@ -137,7 +138,7 @@ def _targets(report, run):
     limit = limit_of(*hits)
     first, second = run.mount.names.axes
     axes = (f'{first} × cos {run.mount.names.letters[1]}', second)
-    return pair(target(axes, limit, *hit, f'missed {when}', when)
+    return pair(target(axes, limit, *hit, f'{when}, seen by the camera', when)
                 for hit, when in zip(hits, ('before', 'after')))
 
 

@@ -157,7 +157,7 @@ def _cautions(document):
     if noise.get('slow') and not slow_is_largest(document) and document['verdict'] != 'wanders':
         size = noise.get('removes_rms_arcsec')
         out.append('Correlated noise' + (f', {arcsec(size)} RMS' if size else '')
-                   + ', of unknown cause.')
+                   + ', remains; its cause is unknown.')
     outliers = document.get('outliers') or []
     if outliers:
         word = document.get('rows_are') or 'row'
@@ -188,7 +188,7 @@ def _todo(document):
     for row in rows:
         mine = [one for one in items if one['separates'][0] == row['name']]
         if mine:
-            more = f', and {len(mine) - 1} more' * (len(mine) > 1)
+            more = f', and {len(mine) - 1} more places' * (len(mine) > 1)
             return ('To distinguish the causes observe '
                     f'{place_words(mine[0], document.get("mount") or USUAL)}{more}.')
     return 'No star distinguishes the causes: look at the mount.'

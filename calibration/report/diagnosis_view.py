@@ -252,8 +252,9 @@ def _residuals(diagnosis, document):
         np.where(used, '', 'outlier'), **_axes_of(context),
         time=context.get('time'), utc=getattr(context, 'time_is_utc', True), groups=_groups(obs),
         noise=None if floor is None else (floor / np.sqrt(2.0),) * 2,
-        before_text='terms alone',
-        after_text='with the effects' if np.any(np.abs(before - after) > 1e-9) else 'after',
+        before_text='fit residuals, terms alone',
+        after_text='fit residuals, with the effects'
+        if np.any(np.abs(before - after) > 1e-9) else 'after',
         noise_text='all that the model leaves'
         if (document.get('wander') or {}).get('slow') else 'noise of the fit')
 

@@ -77,12 +77,12 @@ def render_fit(found, document):
                 *_patterns(found.findings), *result.findings(run)])]),
             sky_maps(data)),
         errors_section(term_lines(document['terms'], run), note='' if last is None else (
-            f'The model corrects these. What causes the {arcsec(last)} left: telescope-mount '
-            f'diagnose {Path(str(source)).name}')),
+            f'The model corrects these; each RMS is of one term alone. What causes the '
+            f'{arcsec(last)} left: telescope-mount diagnose {Path(str(source)).name}')),
         terms_section(document['terms'], result.correlations, list(result.names),
                       f'Encoder − catalogue; σ from the {result.covariance_from}; condition '
-                      f'{result.condition:.0f}, rank {result.rank} of {len(result.names)}; noise '
-                      f'{arcsec(noise)}.', more),
+                      f'{result.condition:.0f}, rank {result.rank} of {len(result.names)}; '
+                      f'scatter of a star {arcsec(noise)}.', more),
         *residual_sections(data),
         _alignment(document['polar_axis']),
         _compared(document, names),
@@ -118,7 +118,7 @@ def _residuals(found):
         run, [f'{row} {line}' for line in run.lines] if stars is None else
         list(map(html.group_name, stars)), before, after, result.weights > 0.0, words,
         noise=tuple(float(v) / ARCSEC for v in result.scatter),
-        before_text='raw', after_text='model')
+        before_text='raw', after_text='model, fit residuals')
 
 
 def _preview(found, data, source):

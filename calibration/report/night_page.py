@@ -165,10 +165,9 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
     body = [
         f'<h1>Night{" of " * bool(when)}{when}</h1>', _meta(run, data, begin, end),
         controls(data), _verdict(report, data),
-        _largest(report, run),
+        _largest(report, run, files),
         terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
-                      'σ from the fit; a number in brackets is the change of that term from the '
-                      'first power-on.'),
+                      'σ from the fit. IA[2]: how far IA of power-on 2 is from that of the first.'),
         folded_section('RMS', gains(headline_of(report)[1], *_noise(report))),
         *residual_sections(data),
         zeros_section(report, rows, names), health_section(log.get('health'), run, names),
@@ -227,10 +226,13 @@ def _verdict(report, data):
                    'alarm' if alarms else '', listed(lines), sky_maps(data))
 
 
-def _largest(report, run):
+def _largest(report, run, files):
     """Zero and terms as errors, and where to look for what they leave."""
     first, zeroed, last = steps_of(report)
-    lines = term_lines(report.get('terms'), run.select(~is_for_zero(run)) if 'star' in run else run)
+    # the zero on Polaris holds what all other terms are there: its rest is in both indices
+    terms = [row for row in report.get('terms') or ()
+             if not (zeroed and row['name'] in run.mount.names.index)]
+    lines = term_lines(terms, run.select(~is_for_zero(run)) if 'star' in run else run)
     if zeroed:
         before, after = (step['held_out']['radial'] for step in (first, zeroed))
         lines.append(ErrorLine(
@@ -239,7 +241,8 @@ def _largest(report, run):
             'set the zero on Polaris after each power-on'))
         lines.sort(key=lambda one: -one.removes_arcsec)
     left = '' if last is None else f' What causes the {last["held_out"]["radial"]:.2f}″ left: ' + (
-        'see Diagnosis.' if report.get('verdict') else 'telescope-mount diagnose bag')
+        'see Diagnosis.' if report.get('verdict') else
+        f'telescope-mount diagnose {Path(*Path(files[0]).parts[-2:]) if files else "LOG"}')
     return errors_section(lines, note=f'Zero and model correct these.{left}')
 
 
@@ -293,8 +296,8 @@ def residuals_of(run, model, report, split_seed=None):
     return run_residuals(
         rows, [_name(star) for star in rows.get('star', np.arange(len(rows)))], before, after,
         used[stars], words[stars], group_word='power-on', noise=tuple(noise) if noise else None,
-        before_text='zero set, no model' if measured else 'raw',
-        after_text='zero and model' if model.terms or model.harmonics else 'raw')
+        before_text='all stars, zero set, no model' if measured else 'raw',
+        after_text='all stars, zero and model' if model.terms or model.harmonics else 'raw')
 
 
 def _offsets(model, rows, zeros):

@@ -61,8 +61,8 @@ def render_season(result, files):
     document, season = worded(result.document()), result.season
     first, last = (date_of(season.nights[i].time) for i in (0, -1))
     causes = cause_rows(result.findings(), season.mount)
-    headline = (f'{counted(len(causes), "cause")} found. Largest: {" ".join(causes[0][:2])}, '
-                f'{causes[0][2]}.' if causes else 'The terms drift; no cause found.')
+    headline = (f'{counted(len(causes), "change")} found. Largest: {" ".join(causes[0][:2])}, '
+                f'{causes[0][2]}.' if causes else 'The terms drift; no change has a cause.')
     largest = season.names.index(causes[0][0]) if causes else 0
     rms = np.median([night['rms_arcsec'] for night in document['nights']])
     others = [i for i in range(len(season.names)) if i != largest]
@@ -71,8 +71,9 @@ def render_season(result, files):
         f'<p class="meta">{len(season.nights)} nights from {first} to {last}, terms '
         f'{clean(", ".join(season.names))}</p>',
         verdict('', f'{headline[:1].upper()}{headline[1:]}', [], cards([
-            (f'{len(season.nights)}', 'nights'), (f'{len(causes)}', 'causes'),
-            (f'{rms:.2f}″', 'median RMS of a night’s fit')]), '' if causes else 'none', '',
+            (f'{len(season.nights)}', 'nights'),
+            (f'{len(causes)}', f'change{"s" * (len(causes) != 1)}'),
+            (f'{rms:.2f}″', 'RMS of fit residuals, median night')]), '' if causes else 'none', '',
             _legend(bool(causes)) + figure(scrolled(_panel(result, largest)), '')),
         section('Largest changes', _causes(causes[:_MOST]), folded(
             f'And {len(causes) - _MOST} smaller', _causes(causes[_MOST:]))),
@@ -87,13 +88,14 @@ def render_season(result, files):
 
 
 def _causes(rows):
-    return table(('term', 'change', 'with', 'likely cause', 'check first'), rows,
+    return table(('term', 'change', 'when, or with', 'likely cause', 'check first'), rows,
                  'folding stack')
 
 
 def _tonight(document):
     predicted, drift = document['tonight'], document['wander']
-    return table(('term', 'predicted ″', 'σ ″', 'drift ″/√day', 'scatter by night ″'),
+    return table(('term', 'predicted ″', 'σ ″', 'random walk, ″/√day',
+                  'scatter from night to night ″'),
                  [(name, number(predicted['terms_arcsec'][name], 1, True),
                    number(predicted['sigma_arcsec'][name], 1),
                    number(drift[name]['walk_arcsec_per_root_day'], 2),

@@ -40,8 +40,9 @@ from .page_parts import (
 from .provenance import provenance_section
 from .wording import worded
 
-#: a drift of so many standard errors is one
-_WIDTH, _CLEAR = 940, 3.0
+_WIDTH = 940
+#: standard errors from which on a term has moved, and a model is better
+_CLEAR, _BETTER = 3.0, 2.0
 
 
 def render_track(tracked, files):
@@ -68,8 +69,8 @@ def render_track(tracked, files):
         '<h1>Adaptive model</h1>',
         f'<p class="meta">{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on'
         + (f'; fixed model: the {tracked.fitted} stars before' if tracked.fitted else '') + '</p>',
-        verdict('', f'Each star predicted: {missed["tracked"]:.2f}″ RMS by the adaptive model, '
-                f'{missed["model of the evening"]:.2f}″ by the fixed model', [], cards(
+        verdict('', f'Each star predicted: {missed["model of the evening"]:.2f}″ RMS by the fixed '
+                f'model, {missed["tracked"]:.2f}″ by the adaptive model', [], cards(
                     (f'{missed[name]:.2f}″', text) for name, text in (
                         ('model of the evening', 'fixed model, RMS'),
                         ('tracked', 'adaptive model, RMS'),
@@ -99,15 +100,17 @@ def _largest(tracked, missed, files):
             cause, check = term_cause(name, mount) if name in known else (name, '')
             lines.append(ErrorLine(f'{name} moved by {reach:.1f} ± {error:.1f}″', reach, None,
                                    [f'moves: {cause}'], check))
-    squares = np.sum(tracked.evening**2 - tracked.live**2, axis=1)
-    gain = np.mean(squares) / max(float(np.std(squares)) / len(squares)**0.5, 1e-30)
-    advice = ('Point with the adaptive model.' if gain > 2.0 else
-              'The adaptive model is no better: point with the fixed model.' if gain > -2.0 else
-              'The adaptive model is worse: point with the fixed model.')
+    fixed, adaptive = missed['model of the evening'], missed['tracked']
+    squares = np.sum(tracked.evening**2 - tracked.live**2, axis=1) / ARCSEC**2
+    # of the difference of two roots
+    error = float(np.std(squares)) / len(squares)**0.5 / max(fixed + adaptive, 1e-9)
+    better, size = fixed - adaptive > _BETTER * error, f'{adaptive - fixed:+.2f} ± {error:.2f}″'
+    advice = (f'The adaptive model is {"better" if better else "not clearly better"} ({size}): '
+              f'point with the {"adaptive" if better else "fixed"} model.').replace('-', '−')
     return errors_section(
         sorted(lines, key=lambda one: -one.reach_arcsec), listed([
-            '' if lines else 'No term moved by more than its error.', advice,
-            f'What causes the {missed["tracked"]:.2f}″ left: telescope-mount diagnose '
+            '' if lines else f'No term moved by more than {_CLEAR:g} σ.', advice,
+            f'What causes the {adaptive if better else fixed:.2f}″ left: telescope-mount diagnose '
             + ' '.join(Path(path).name for path in files)]), title='Largest drifts')
 
 

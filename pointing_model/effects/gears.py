@@ -154,8 +154,8 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
         return f'The {word} has a periodic error of {size}, {period}'
 
     cause = (f'each line of the tape of the {word} encoder is divided unevenly, {turns:.7g} lines '
-             'per turn' if tape else f'periodic error of {word}, {period}' + (
-                 ' in time' if clock else f': {wheel}'))
+             'per turn' if tape else f'{"periodic error" if clock else wheel} of {word}, {period}'
+             + ' in time' * clock)
     # source: worms: gear of so many teeth, one period a tooth; tapes: as a grating
     return Effect(f'{key}_{"tape" if tape else "periodic_error"}_{turns:.6g}' + '_time' * clock
                   + ('' if orders == (1,) else f'_orders_{len(orders)}'),
@@ -169,7 +169,7 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
                   f'a wave of the {word}, {period}',
                   f'tape of the {word} encoder' if tape else
                   f'something that comes back {period} in {word}' if clock else
-                  f'periodic error of {word}, {period}: {wheel}',
+                  f'{wheel} of {word}, {period}',
                   requires=() if of == 'angle' else (driver,), figure=against,
                   scan=None if declared else f'{"tape" if tape else "period"}_{of}_{axis}',
                   share='dictionary' if declared else 'periods')

@@ -42,6 +42,8 @@ from .encoder_test import PRINTED_STD, notes
 STYLES = {'centroid': 'before', 'parabola': 'fit', 'paper': 'after', 'template': 'third'}
 _MARKS = {'before': 'dots', 'fit': 'crosses', 'after': 'squares', 'third': 'triangles'}
 #: methods of the paper, and why each errs
+_NAMES = {'centroid': 'Centroid of one bar', 'paper': 'Phase fit of the paper',
+          'parabola': 'Parabola through each bar'}
 _CAUSES = {
     'centroid': 'one bar alone; noise at its edges decides which pixels count',
     'paper': 'bars cut at the ends of the row falsify the fitted period',
@@ -64,8 +66,8 @@ def render_encoder_test(report, files=()):
     loud = report['noise_of_the_paper']
     own, paper = (methods[name]['std_arcsec'] for name in ('template', 'paper'))
     curves, table_2 = report['curves'], report['table_2']
-    headline = (f'{arcsec(own)} by the template, {arcsec(paper)} by the method of the paper, '
-                f'which printed {PRINTED_STD["paper"]:.2f}″')
+    headline = (f'σ {arcsec(own)} by the template, {arcsec(paper)} by the phase fit of the paper, '
+                'on the same images')
     reading, two = np.arange(1.0, 24.0), ('paper', 'template')
     legends = legend(*((style, f'{name} ({_MARKS[style]})') for name, style in STYLES.items()))
     body = [
@@ -75,7 +77,7 @@ def render_encoder_test(report, files=()):
         'levels unless said · a simulated bench</p>',
         verdict('', headline, [], cards([
             (own, 'template, σ'), (paper, 'method of the paper, σ'),
-            (PRINTED_STD['paper'], 'printed in the paper, σ')]), '', '', legend(*(
+            (PRINTED_STD['paper'], 'printed in the paper, σ (its own camera)')]), '', '', legend(*(
                 (STYLES[name], f'{name} ({_MARKS[STYLES[name]]})') for name in two)) + _curves(
                     'One turn', reading, curves['first_turn'], two)),
         errors_section(_largest(methods)),
@@ -96,7 +98,7 @@ def render_encoder_test(report, files=()):
             [(i + 1, number(table_2['errors_arcsec'][i]),
               *(number(curves['first_turn'][name][i]) for name in ('paper', 'template')))
              for i in range(23)], 'numbers sort')),
-        folded_section('What the rivals would need', _needed(report['needed']),
+        folded_section('What the other methods would need', _needed(report['needed']),
                        note='To be as bad as the paper found them, by one disturbance alone.'),
         provenance_section([('seed', str(conditions['seed'])), ('code', conditions['code']),
                             ('bench', f'table off by {conditions["table_error_arcsec"]:.2f}″ at '
@@ -129,7 +131,7 @@ def _largest(methods):
     """Each method of the paper as an error, and what to do."""
     own = methods['template']['std_arcsec']
     return sorted((ErrorLine(
-        f'Method {name.replace("_", " ")}', 2.0 * methods[name]['max_arcsec'],
+        _NAMES[name], None,
         float(np.sqrt(max(methods[name]['std_arcsec']**2 - own**2, 0.0))), [cause],
         'read by the template (method: template)')
         for name, cause in _CAUSES.items()), key=lambda one: -one.removes_arcsec)
@@ -141,7 +143,7 @@ def _methods(report):
              number(row['max_arcsec']), row['rejected'], row['gross'],
              number(report['damaged']['methods'][name]['rms_arcsec']),
              number(loud[name]['std_arcsec'])) for name, row in report['methods'].items()]
-    return table(('method', 'σ ″', 'printed ″', 'largest ″', 'rejected', 'one bar off',
+    return table(('method', 'σ ″', 'printed ″', 'largest ″', 'rejected', 'one bar off (not in σ)',
                   'damaged bars, RMS ″', 'σ with the noise of the paper ″'), rows, 'numbers sort')
 
 

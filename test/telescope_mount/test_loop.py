@@ -186,7 +186,7 @@ def test_what_is_printed_and_written(german):
     whole = (german.folder / 'page.html').read_text()
     before, after = (german.report['judged']['radial'][f'{when}_arcsec']
                      for when in ('before', 'after'))
-    assert (f': {after:.2f}″ RMS on fresh stars with the new model, {before:.2f}″ with the old'
+    assert (f'. {after:.2f}″ RMS on fresh stars with the new model, {before:.2f}″ with the old'
             ) in whole
     # the pair of the same stars stands above those of other stars
     assert 0 < german.text.index('model before') < german.text.index('other stars each')
