@@ -77,7 +77,8 @@ def write_loop_page(folder, report, run):
     what = report['scenario'] or Path(str(report['source'])).name
     lines = sorted((effect_line(row, readable(row['name'])) for row in report['effects']),
                    key=lambda one: -(one.removes_arcsec or 0.0))
-    headline = (f'Largest error: {readable(lines[0].name)}. ' if lines else '') + (
+    headline = (f'Largest error: {lines[0].name}, {lines[0].size}. '
+                if lines else '') + (
         f'{arcsec(after)} RMS on {label} with the new model, {arcsec(before)} with the old')
     alarms = [f'Alarm: {text}' for text in report['alarms']]
     params = {}

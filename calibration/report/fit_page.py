@@ -59,7 +59,6 @@ def render_fit(found, document):
         f'{arcsec(last)} RMS after a {len(result.names)}-term fit ({label}), '
         f'{arcsec(before["rms_arcsec"])} raw')
     outliers = outlier_sentence(document) if document['outliers'] else ''
-    noise = float(np.hypot(*result.scatter)) / ARCSEC
     terms = document['terms'] or ()
     more = '' if not terms or 'within95_arcsec' not in terms[0] else (
         html.paragraph(f'{document["degrees_of_freedom"]} degrees of freedom.', 'note'))
@@ -75,14 +74,13 @@ def render_fit(found, document):
              (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves')]), '',
             html.listed([outliers, *map(wording, [
                 *_patterns(found.findings), *result.findings(run)])]),
-            sky_maps(data)),
+            html.paragraph('RMS on the sky.', 'note') + sky_maps(data)),
         errors_section(term_lines(document['terms'], run), note='' if last is None else (
             f'The model corrects these; each RMS is of one term alone. What causes the '
             f'{arcsec(last)} left: telescope-mount diagnose {Path(str(source)).name}')),
         terms_section(document['terms'], result.correlations, list(result.names),
                       f'Encoder − catalogue; σ from the {result.covariance_from}; condition '
-                      f'{result.condition:.0f}, rank {result.rank} of {len(result.names)}; '
-                      f'scatter of a star {arcsec(noise)}.', more),
+                      f'{result.condition:.0f}, rank {result.rank} of {len(result.names)}.', more),
         *residual_sections(data),
         _alignment(document['polar_axis']),
         _compared(document, names),

@@ -40,7 +40,17 @@ from .error_table import ErrorLine, errors_section, term_lines
 from .health_section import headline_of, health_section, models_section
 from .log_health import log_health
 from .night_document import steps_of
-from .page_parts import FOOTER, body_of, cards, folded_section, gains, listed, verdict, whole
+from .page_parts import (
+    FOOTER,
+    body_of,
+    cards,
+    folded_section,
+    gains,
+    listed,
+    paragraph,
+    verdict,
+    whole,
+)
 from .provenance import provenance_section, site_text
 from .residual_figures import controls, residual_sections, run_residuals, sky_maps
 from .terms_section import terms_section
@@ -223,7 +233,8 @@ def _verdict(report, data):
         headline = 'Nothing was fitted' if size is None else \
             f'Nothing was fitted; {size:.2f}″ RMS, {data.after_text}'
     return verdict('alarm' if alarms else '', headline, [], cards(numbers),
-                   'alarm' if alarms else '', listed(lines), sky_maps(data))
+                   'alarm' if alarms else '', listed(lines),
+                   paragraph('RMS on the sky.', 'note') + sky_maps(data))
 
 
 def _largest(report, run, files):

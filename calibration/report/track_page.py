@@ -74,7 +74,7 @@ def render_track(tracked, files):
                     (f'{missed[name]:.2f}″', text) for name, text in (
                         ('model of the evening', 'fixed model, RMS'),
                         ('tracked', 'adaptive model, RMS'),
-                        ('expected', 'adaptive model, expected RMS'))), '', '', legend(
+                        ('expected', 'adaptive model, expected by its σ'))), '', '', legend(
             ('before', 'fixed model (dots)'), ('after', 'adaptive, predicted (squares)'),
             ('fit', 'expected, 1 σ')) + figure(scrolled(_misses(tracked, hours)), '')),
         _largest(tracked, missed, files),
@@ -105,7 +105,7 @@ def _largest(tracked, missed, files):
     # of the difference of two roots
     error = float(np.std(squares)) / len(squares)**0.5 / max(fixed + adaptive, 1e-9)
     better, size = fixed - adaptive > _BETTER * error, f'{adaptive - fixed:+.2f} ± {error:.2f}″'
-    advice = (f'The adaptive model is {"better" if better else "not clearly better"} ({size}): '
+    advice = (f'The adaptive model is {"better" if better else "not clearly better"} ({size} RMS): '
               f'point with the {"adaptive" if better else "fixed"} model.').replace('-', '−')
     return errors_section(
         sorted(lines, key=lambda one: -one.reach_arcsec), listed([

@@ -89,9 +89,9 @@ def render_experiment(report, run=None, files=()):
         f'<p class="meta">{len(table1)} nights · seed {report.get("seed")} · {what} · simulated'
         '</p>', controls_alone() if data is None else controls(data),
         verdict('', f'Mean of each night’s stars: {radial["after"]:.2f}″ RMS after the zero is '
-                f'set, {radial["before"]:.2f}″ before. A single star: {single:.2f}″ after', [],
+                f'set, {radial["before"]:.2f}″ before', [],
                 cards([(radial['before'], 'before the zero is set'),
-                       (radial['after'], 'after'),
+                       (radial['after'], 'after'), (single, 'after, a single star'),
                        (printed, 'after, in the paper (11 nights)')]),
                 'alarm' if report['alarms'] else '', listed(lines),
                 pair(_nights(table1, axis, name, 'after') for axis, name in AXES)),
