@@ -28,10 +28,8 @@ PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg
 def nodes():
     """Executables from the one description of the graph, without importing it."""
     tree = ast.parse(Path('telescope_mount/graph.py').read_text(encoding='utf-8'))
-    for item in tree.body:
-        if isinstance(item, ast.Assign) and item.targets[0].id == 'NODES':
-            return ast.literal_eval(item.value)
-    raise ValueError('telescope_mount/graph.py has no NODES')
+    found = {item.targets[0].id: item.value for item in tree.body if isinstance(item, ast.Assign)}
+    return [*ast.literal_eval(found['NODES']), *ast.literal_eval(found['WITH_BUILT_TYPES'])]
 
 
 def readme():

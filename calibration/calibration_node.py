@@ -28,7 +28,7 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.long_work import LongWork
 from msg_tools.node import MountNode
 from msg_tools.node_process import give_back
-from msg_tools.status_rows import Progress, handover_rows
+from msg_tools.status_rows import Progress, Stage, handover_rows
 from msg_tools.whole_files import write_text
 from pointing_model.calibration_messages import (
     expected_to_joints,
@@ -304,9 +304,9 @@ class Calibration(MountNode):
             self._publish(topics.DISCRIMINATION, text)
 
     def _publish_stage(self):
-        stage, self._long.stage = self._long.stage, ''
-        if self._long.name and stage:
-            self._publish_status(f'{self._long.name}: {stage}')
+        at, self._long.stage = self._long.stage, Stage()
+        if self._long.name and at.stage:
+            self._publish_status(f'{self._long.name}: {at}', **at._asdict())
 
     def _diagnosed(self, found):
         from .report.wording import paragraph

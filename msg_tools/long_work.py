@@ -18,6 +18,8 @@ import threading
 
 from rclpy.task import Future
 
+from .status_rows import Stage
+
 
 class Cancelled(ValueError):
     """The work was given up because somebody asked for it; the text says so."""
@@ -34,12 +36,12 @@ class LongWork:
     ----------
     name : str
         Of the work under way, for people; '' without any.
-    stage : str
-        How far that is; '' where it does not report it.
+    stage : Stage
+        How far that is; empty where it does not report it.
     """
 
     def __init__(self, node):
-        self._node, self.name, self.stage = node, '', ''
+        self._node, self.name, self.stage = node, '', Stage()
         self._stop, self._thread = threading.Event(), None
         self._later = []
 
@@ -53,7 +55,7 @@ class LongWork:
             ``call(progress)``, which calls ``progress(text, done, total)`` now and then: there it
             can be cancelled.
         """
-        self.name, self.stage = name, ''
+        self.name, self.stage = name, Stage()
         self._stop.clear()
         future = Future()
 
@@ -75,7 +77,7 @@ class LongWork:
     def _progress(self, text, done, total):
         if self._stop.is_set():
             raise Cancelled(f'{self.name} was cancelled')
-        self.stage = text + (f', {done} of {total}' if total else '')
+        self.stage = Stage(text, int(done), int(total or 0))
 
     def cancel(self):
         """Have it end at its next step; (whether there was any, a sentence)."""

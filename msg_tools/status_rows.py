@@ -136,6 +136,39 @@ class Taken(NamedTuple):
                    int(rows.get(FORGOTTEN, 0)), int(rows.get(NEWEST, 0)))
 
 
+class Stage(NamedTuple):
+    """How far long work is: rows of `calibration/status` while a diagnosis is under way.
+
+    Attributes
+    ----------
+    stage : str
+        What is done now; '' where it is not reported.
+    done, total : int
+        Its parts; of 0 nobody knows how many there are.
+    """
+
+    stage: str = ''
+    done: int = 0
+    total: int = 0
+
+    def __str__(self):
+        return self.stage + (f', {self.done} of {self.total}' if self.total else '')
+
+    @classmethod
+    def read(cls, message):
+        """That of a DiagnosticStatus with rows of these names; None where it has none.
+
+        Raises
+        ------
+        ValueError
+            A row is missing, or no number.
+        """
+        rows = {row.key: row.value for row in message.values}
+        if 'stage' not in rows:
+            return None
+        return cls(rows['stage'], int(_row(rows, 'done')), int(_row(rows, 'total')))
+
+
 def handover_rows(count, progress):
     """Rows with which the calibration gives a night back to an observer that has lost it.
 

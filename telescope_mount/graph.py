@@ -46,6 +46,11 @@ NODES = {
     'alpaca_sky': 'telescope_mount.bridges.alpaca.alpaca_sky_node',
 }
 
+#: executables that need types of telescope_mount_msgs, which is built apart, and say so
+WITH_BUILT_TYPES = {
+    'action_bridge': 'telescope_mount.bridges.actions.action_bridge_node',
+}
+
 #: of the simulated incremental encoder (paper 000): lines in a turn
 GRATING = 'grating=47200'
 SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera')

@@ -39,12 +39,13 @@ end_with_parent()
 
 def __getattr__(name):
     """What runs a node, by the name of its executable."""
-    from .graph import NODES
-    if name not in NODES:
+    from .graph import NODES, WITH_BUILT_TYPES
+    modules = NODES | WITH_BUILT_TYPES
+    if name not in modules:
         raise AttributeError(f'{__name__} has no executable {name}')
     try:
         from msg_tools.node_process import node_of, run_node
-        node = node_of(NODES[name])
+        node = node_of(modules[name])
     except ImportError as error:
         from .missing_ros import missing
         line = missing(error, name)

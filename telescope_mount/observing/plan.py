@@ -15,6 +15,7 @@
 """The observing plan: what the star observer does, step by step, as one line of text."""
 
 import re
+import uuid
 from dataclasses import dataclass
 
 from msg_tools.units import ARCSEC
@@ -129,10 +130,15 @@ def parse_plan(text):
     return steps
 
 
-def _step(text):
-    verb, _, rest = text.partition(' ')
+def check_verb(verb):
+    """ValueError for one that no step has."""
     if verb not in VERBS:
         raise ValueError(f'plan step {verb!r} is unknown; use {", ".join(VERBS)}')
+
+
+def _step(text):
+    verb, _, rest = text.partition(' ')
+    check_verb(verb)
     form, how = _FORMS.get(verb, _COUNTED if VERBS[verb] else ('', ''))
     found = re.fullmatch(form, ' '.join(rest.split()))
     if not (found or VERBS[verb] or verb in _FORMS):
@@ -144,6 +150,11 @@ def _step(text):
             verb == 'track' and not 0.0 < step.goal <= 3600.0):
         raise ValueError(f'plan step {text!r}: write {verb}{how}')
     return step
+
+
+def goal_uuid(stamp, plan):
+    """Of the goal that a plan is, begun at `stamp` (int, ns): a night repeated has the same."""
+    return uuid.uuid5(uuid.NAMESPACE_OID, f'{stamp} {plan}')
 
 
 def night_plan(stars, exposures, reference=False, cycle='incremental'):

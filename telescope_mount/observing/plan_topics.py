@@ -17,8 +17,6 @@
 ROS 2's actions need types that are built; `docs/ros.md` says which part of one each topic is.
 """
 
-import uuid
-
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterType
@@ -27,7 +25,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from msg_tools import convert, topics
 from msg_tools.status_rows import Progress
 
-from .plan import parse_plan
+from .plan import goal_uuid, parse_plan
 
 #: state of a plan -> that of an action's goal
 STATES = {'waiting': GoalStatus.STATUS_ACCEPTED, 'observing': GoalStatus.STATUS_EXECUTING,
@@ -97,6 +95,7 @@ class PlanTopics:
 
     def __init__(self, node, begin):
         self._node, self._begin, self._goal = node, begin, None
+        self._begun = 0  # stamp of the last goal, ns
         self._state_pub = node.publisher(topics.PLAN_STATUS)
         self._feedback_pub = node.publisher(topics.PLAN_FEEDBACK)
         node.create_service(SetParametersAtomically, '~/plan', self._on_goal)
@@ -121,10 +120,10 @@ class PlanTopics:
         state, stamp = STATES[progress.state], self._node.now()
         ended = self._goal is None or self._goal.status >= _ENDED
         if ended and busy and state < _ENDED:
-            # the same night gives the same numbers
-            number = uuid.uuid5(uuid.NAMESPACE_OID, f'{stamp} {progress.plan}')
-            self._goal = GoalStatus(goal_info=GoalInfo(stamp=convert.to_stamp(stamp)))
-            self._goal.goal_info.goal_id.uuid = list(number.bytes)
+            # simulated time may stand still from one goal to the next, which is another
+            self._begun = max(stamp, self._begun + 1)
+            self._goal = GoalStatus(goal_info=GoalInfo(stamp=convert.to_stamp(self._begun)))
+            self._goal.goal_info.goal_id.uuid = list(goal_uuid(self._begun, progress.plan).bytes)
         if self._goal is None:
             return
         self._goal.status = state

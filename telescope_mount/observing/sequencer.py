@@ -124,6 +124,7 @@ class Sequencer:
         if anew or self._left is None or plan != self._plan:
             self._left, self._before = None, len(self._table)
         self._plan = plan
+        self.night.set_state('waiting', 'the graph')
         self._steps.start(self._follow(plan))
 
     def advance(self):
@@ -131,7 +132,7 @@ class Sequencer:
         if not self._steps.busy:
             return
         self._steps.advance()
-        self._publish()
+        self.publish()
 
     def stopped_at(self, plan):
         """Where `plan` ended before its end, in words; '' where it did not."""
@@ -139,7 +140,8 @@ class Sequencer:
             return ''
         return f'step {self._left.block + 1}, {self._left.step}'
 
-    def _publish(self):
+    def publish(self):
+        """Tell the outbox how far the plan is, where that is another than it was told."""
         words = self.night.text
         if self.busy:
             words = '; '.join([words if self.begun else self._lacks or words,
@@ -182,7 +184,7 @@ class Sequencer:
         if reason:
             self._steps.end(CallRefused(reason))
             self._watch.rest()
-        self._publish()
+        self.publish()
         return changed
 
     def cancel(self, reason):
@@ -192,7 +194,7 @@ class Sequencer:
         self._steps.cancel()
         self.night.set_state('cancelled', reason)
         self._remember()
-        self._publish()
+        self.publish()
         self._out.get_logger().warning(f'plan cancelled: {reason}{self._how_to_go_on()}')
         return True
 
@@ -273,7 +275,7 @@ class Sequencer:
             self.night.set_state('done', OVER)
             self.night.calibrated = Taken()
             self._send_table(again=True)
-            self._publish()
+            self.publish()
         return left.state == 'done'
 
     def _taken_up(self, run, left):
@@ -322,7 +324,6 @@ class Sequencer:
 
     def _follow(self, plan):
         """The night as a generator of conditions to wait for."""
-        self.night.set_state('waiting', 'the graph')
         self._looked = -math.inf
         yield self._connected
         yield lambda: self._out.now() > 0

@@ -284,6 +284,7 @@ class StarObserver(MountNode):
         why = 'a plan is under way' if self._sequencer.busy else self.guard.ends
         if not why:
             self._sequencer.start(plan, anew)
+            self._sequencer.publish()  # it is taken up, though it may be cancelled before it begins
         return not why, why or answer.format(plan)
 
     # --- messages out: what the sequencer asks for --------------------------------------------

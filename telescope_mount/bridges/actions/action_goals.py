@@ -1,0 +1,190 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What goals of actions ask for, and the fields of their feedback and results; without ROS.
+
+The fields are those of the interface files in `msg_tools/telescope_mount_msgs`.
+"""
+
+import math
+
+from msg_tools.status_rows import Progress
+from msg_tools.units import ARCSEC
+
+from ...observing.plan import VERBS, PlanStep, check_verb, goal_uuid
+
+#: verb -> fields of a typed step that it takes; all others with an argument take a count
+_TAKES = {'power_cycle': ('names',), 'pass': ('names',), 'track': ('error', 'duration'),
+          'tell_apart': ('count', 'duration'), 'wait': ('duration',)}
+_MINUTE, _HOUR = 60.0, 3600.0
+#: numbers of a state from which on a goal is over, and of one that was cancelled
+_SUCCEEDED, _CANCELLED, _FAILED = 4, 5, 6
+
+
+def plan_step(step):
+    """The step of a plan that a typed one is.
+
+    Parameters
+    ----------
+    step
+        With the fields of PlanStep.msg: ``verb``, ``count``, ``error`` (rad), ``duration`` (s),
+        ``names``.
+
+    Returns
+    -------
+    PlanStep
+        Its text may still be refused by `parse_plan`.
+
+    Raises
+    ------
+    ValueError
+        A verb that is none, an argument that it does not take, or a duration that no plan can say.
+    """
+    verb = step.verb
+    check_verb(verb)
+    takes = _TAKES.get(verb, ('count',) if VERBS[verb] else ())
+    for name in ('count', 'error', 'duration', 'names'):
+        if name not in takes and getattr(step, name):
+            raise ValueError(f'plan step {verb}: it takes no {name}')
+    if verb == 'track':
+        return PlanStep(verb, _whole(step, _MINUTE), f'{step.error / ARCSEC:g}arcsec')
+    if verb == 'wait':
+        return PlanStep(verb, _whole(step, _HOUR))
+    hours = f'{step.duration / _HOUR:g}h' if step.duration else ''
+    return PlanStep(verb, step.count, hours or ' '.join(step.names))
+
+
+def _whole(step, unit):
+    """How often `unit` (s) is in the duration of a step."""
+    count = step.duration / unit
+    if not (math.isfinite(count) and count == round(count)):
+        raise ValueError(f'plan step {step.verb}: a duration of {step.duration:g} s is no '
+                         f'multiple of {unit:g} s')
+    return round(count)
+
+
+class GoalPlan:
+    """What becomes of a plan that a goal has asked for, by what the observer publishes.
+
+    Parameters
+    ----------
+    plan : str
+    before : bytes or None
+        Of the last goal on `observer/plan/status` before it was asked for.
+
+    Attributes
+    ----------
+    begun : bool
+        Whether the observer has taken it up.
+    replaced : bool
+        Whether the observer follows another plan since.
+    known : bool
+        Whether anything has been published of it.
+    fields : dict
+        Those of PlanProgress.msg.
+    """
+
+    def __init__(self, plan, before):
+        self.plan, self._before = plan, before
+        self.begun = self.replaced = self.known = False
+        self.fields, self._state = _fields(Progress(), 0, ''), 0
+
+    def take_goal(self, number, stamp, state):
+        """The goal on `observer/plan/status`: its UUID (bytes), its stamp (int, ns), its state."""
+        if number == self._before:
+            return
+        if number == goal_uuid(stamp, self.plan).bytes:  # also of an observer that was restarted
+            self.begun, self._state = True, state
+        elif self.begun:
+            self.replaced = True
+
+    def take_progress(self, progress, state, text):
+        """As on `observer/status`: a `Progress`, the number of its state, and the sentence."""
+        if progress.plan == self.plan:
+            self.known, self.fields = True, _fields(progress, state, text)
+
+    @property
+    def over(self):
+        """Whether it has ended, and how is known."""
+        ended = self.begun and self._state >= _SUCCEEDED and self.fields['state'] == self._state
+        return ended or self.replaced
+
+    def end(self, cancelled, silence):
+        """How its goal ends: the name of a method of its handle; `fields` are the result then.
+
+        Parameters
+        ----------
+        cancelled : bool
+            Whether that was requested of the goal: what others cancel is aborted.
+        silence : str
+            What is said where it is not over: nobody knows how it went on.
+        """
+        if self.replaced or not self.over:
+            self.fields |= {'state': _FAILED, 'message': (
+                'another plan has taken its place' if self.replaced else silence)}
+            return 'abort'
+        if self._state == _CANCELLED and cancelled:
+            return 'canceled'
+        return 'succeed' if self._state == _SUCCEEDED else 'abort'
+
+
+def _fields(progress, state, text):
+    rows = progress.rows()
+    del rows['plan']
+    return rows | {'state': state, 'message': text}
+
+
+def diagnosis_fields(document, message):
+    """Fields of the result of Diagnose.action.
+
+    Parameters
+    ----------
+    document : dict
+        On `diagnosis`.
+    message : str
+        What was found.
+
+    Returns
+    -------
+    dict
+        In ``effects`` dicts with the fields of Effect.msg.
+
+    Raises
+    ------
+    ValueError
+        It is no such document.
+    """
+    try:
+        before, after = document['before'], document['after']
+        return {
+            'verdict': document['verdict'], 'published': document['published'],
+            'effects': [_effect_fields(effect) for effect in document['effects']],
+            'rms_before': _rad(before['rms_arcsec']), 'rms_after': _rad(after['rms_arcsec']),
+            'validated_rms_before': _rad(before['cv_rms_arcsec']),
+            'validated_rms_after': _rad(after['cv_rms_arcsec']), 'message': message}
+    except (KeyError, TypeError, AttributeError) as err:
+        raise ValueError(f'no document of a diagnosis: {err}') from None
+
+
+def _effect_fields(effect):
+    values, chance = effect['coefficients_arcsec'], effect['p_family']
+    return {'name': effect['name'], 'driver': effect['driver'] or '', 'coefficients': list(values),
+            'values': [_rad(value) for value in values.values()],
+            'sigmas': [_rad(effect['sigma_arcsec'][name]) for name in values],
+            'chance': math.nan if chance is None else float(chance),
+            'removed_rms': _rad(effect['removes_rms_arcsec'])}
+
+
+def _rad(arcsec):
+    return math.nan if arcsec is None else float(arcsec) * ARCSEC
