@@ -23,6 +23,8 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
+#: built apart, with interface files and no Python
+MESSAGES = ROOT / 'msg_tools' / 'telescope_mount_msgs'
 WHY = 'is part of ROS 2 (ros-jazzy-ament-lint-common), and not on PyPI'
 
 
@@ -49,6 +51,16 @@ def test_each_source_begins_with_the_licence_lines():
     assert bare == []
 
 
+def test_each_file_of_the_messages_names_its_licence():
+    assert (MESSAGES / 'CMakeLists.txt').read_text().startswith(
+        '# Copyright 2026 telescope_mount developers\n#\n# Licensed under the Apache License')
+    for path in (*MESSAGES.glob('msg/*'), *MESSAGES.glob('action/*')):
+        # at the end: what stands first is what `ros2 interface show` says of the type
+        assert path.read_text().splitlines()[-1] == (
+            '# Copyright 2026 telescope_mount developers. Apache License 2.0: LICENSE of '
+            'telescope_mount.'), path
+
+
 def test_addresses_of_package_and_setup_are_one():
     address = ET.parse(ROOT / 'package.xml').find('maintainer').get('email')
     assert f"maintainer_email='{address}'" in (ROOT / 'setup.py').read_text()
@@ -59,9 +71,10 @@ def test_addresses_of_package_and_setup_are_one():
     ('ament_copyright', ()),
     ('ament_flake8', ('--config', str(ROOT / 'setup.cfg'))),
     ('ament_pep257', ('--add-ignore', *exceptions(), '--')),
-    ('ament_xmllint', ())])
+    ('ament_xmllint', ()), ('ament_lint_cmake', ())])
 def test_ament_lint(package, options, capfd):
     lint = pytest.importorskip(f'{package}.main', reason=f'{package} {WHY}')
-    found = [str(ROOT / 'package.xml')] if package == 'ament_xmllint' else sources()
+    found = {'ament_xmllint': [str(folder / 'package.xml') for folder in (ROOT, MESSAGES)],
+             'ament_lint_cmake': [str(MESSAGES / 'CMakeLists.txt')]}.get(package) or sources()
     failed = lint.main([*options, *found])
     assert not failed, capfd.readouterr()

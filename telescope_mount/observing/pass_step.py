@@ -99,10 +99,18 @@ def observe_pass(night, step):
     ----------
     night : NightSteps
     step : PlanStep
+
+    Raises
+    ------
+    CallRefused
+        The file of its orbit cannot be read, or no pass comes soon.
     """
     value, exposer = night.out.value, night.exposer
-    target, mount = satellite_target(step.what), night.out.mount()
-    orbit, (site, weather) = target.orbit, night.out.sky()
+    try:
+        target = satellite_target(step.what)
+    except OSError as err:  # an error of a plan ends the plan, not the node
+        raise CallRefused(f'{step}: {err.filename}: {err.strerror}') from None
+    mount, orbit, (site, weather) = night.out.mount(), target.orbit, night.out.sky()
     axes = _axes(night)
     forecast = next_pass(orbit, exposer.now() * 1e-9, site, mount, axes,
                          value('min_elevation_deg') * DEG)

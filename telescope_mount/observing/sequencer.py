@@ -123,6 +123,7 @@ class Sequencer:
         """
         if anew or self._left is None or plan != self._plan:
             self._left, self._before = None, len(self._table)
+            self.night.progress = Progress()
         self._plan = plan
         self.night.set_state('waiting', 'the graph')
         self._steps.start(self._follow(plan))

@@ -23,9 +23,10 @@ import sys
 import pytest
 from places import ROOT
 
-from telescope_mount.graph import NODES
+from telescope_mount.graph import NODES, WITH_BUILT_TYPES
 
 NAME = 'telescope_mount'
+EXECUTABLES = *NODES, *WITH_BUILT_TYPES
 
 for module in ('colcon_core', 'colcon_ros'):
     pytest.importorskip(
@@ -71,6 +72,14 @@ def test_colcon_takes_it_for_a_ros_package(workspace):
     assert done.stdout.split() == [NAME, f'src/{NAME}', '(ros.ament_python)'], done.stderr
 
 
+def test_the_messages_are_built_only_by_their_path(workspace):
+    """The path that install and the action bridge name."""
+    from telescope_mount.bridges.actions import BUILD, TYPES
+    done = colcon(workspace, 'list', *re.search(r'--base-paths \S+', BUILD)[0].split())
+    assert done.stdout.split() == [
+        TYPES, f'src/{NAME}/msg_tools/{TYPES}', '(ros.ament_cmake)'], done.stderr
+
+
 def test_the_ament_index_knows_it(prefix):
     marker = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages' / NAME
     assert marker.is_file()
@@ -89,7 +98,7 @@ def test_launch_and_config_are_installed(prefix):
 def test_each_node_is_where_ros2_run_looks(prefix):
     found = {path.name for path in (prefix / 'lib' / NAME).iterdir()
              if os.access(path, os.X_OK) and path.is_file()}
-    assert found == {*NODES, 'telescope-mount', 'diagnose'}
+    assert found == {*EXECUTABLES, 'telescope-mount', 'diagnose'}
 
 
 def test_package_data_is_installed(prefix):
@@ -140,10 +149,10 @@ def test_each_executable_starts(prefix, ros_domain, tmp_path):
         return subprocess.run(
             command, cwd=prefix, capture_output=True, text=True, timeout=120,
             env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)})
-    done = start(sys.executable, '-c', START, str(folder), str(tmp_path), *NODES)
+    done = start(sys.executable, '-c', START, str(folder), str(tmp_path), *EXECUTABLES)
     codes = dict(line.split() for line in done.stdout.splitlines())
     texts = {name: (tmp_path / name).read_text() for name in codes}
-    assert codes == dict.fromkeys(NODES, '2'), (done.stderr, texts)
+    assert codes == dict.fromkeys(EXECUTABLES, '2'), (done.stderr, texts)
     # and one as ros2 run does it
     texts['pointing_corrector (alone)'] = start(
         str(folder / 'pointing_corrector'), '--ros-args', '-p', 'no_such_parameter:=1').stderr

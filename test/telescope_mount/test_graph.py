@@ -32,6 +32,7 @@ from telescope_mount.graph import (
     NIGHT,
     NODES,
     SIMULATED,
+    WITH_BUILT_TYPES,
     measured_graph,
     night_graph,
     real_graph,
@@ -206,7 +207,7 @@ def of(names, package):
 def test_every_node_is_there():
     pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
     from msg_tools.node_process import node_of
-    for name, module in NODES.items():
+    for name, module in {**NODES, **WITH_BUILT_TYPES}.items():
         assert node_of(module).__module__ == module, name
 
 
@@ -218,7 +219,7 @@ def test_a_program_is_called_where_all_of_it_is_defined():
 def test_there_is_no_node_besides_them():
     found = {'.'.join(path.relative_to(ROOT).with_suffix('').parts)
              for path in sources(*PACKAGES) if path.stem.endswith('_node')}
-    assert found == set(NODES.values())
+    assert found == {*NODES.values(), *WITH_BUILT_TYPES.values()}
 
 
 def test_setup_makes_an_executable_of_each():
@@ -227,7 +228,7 @@ def test_setup_makes_an_executable_of_each():
                   if isinstance(item, ast.FunctionDef) and item.name == 'nodes')
     space = {'ast': ast, 'Path': lambda name: ROOT / name}
     exec(compile(ast.Module([helper], []), 'setup.py', 'exec'), space)
-    assert space['nodes']() == NODES
+    assert space['nodes']() == [*NODES, *WITH_BUILT_TYPES]
 
 
 def test_installed_executables_are_the_nodes():
@@ -239,7 +240,8 @@ def test_installed_executables_are_the_nodes():
     scripts = {p.name: p.value for p in points if p.group == 'console_scripts'}
     assert scripts.pop('telescope-mount') == 'telescope_mount.cli:main'
     assert scripts.pop('diagnose') == 'telescope_mount.cli:diagnose'
-    assert scripts == {name: f'telescope_mount.start:{name}' for name in NODES}
+    assert scripts == {
+        name: f'telescope_mount.start:{name}' for name in (*NODES, *WITH_BUILT_TYPES)}
 
 
 def test_a_node_has_one_thread_however_it_is_started():

@@ -13,3 +13,8 @@
 # limitations under the License.
 
 """Bridge to the actions of ROS, whose types are built apart: telescope_mount_msgs."""
+
+#: the package of the types, and how it is built where the sources are in src/telescope_mount: in a
+#: package colcon looks for no other
+TYPES = 'telescope_mount_msgs'
+BUILD = f'colcon build --base-paths src/telescope_mount/msg_tools --packages-select {TYPES}'

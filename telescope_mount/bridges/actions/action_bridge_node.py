@@ -41,15 +41,13 @@ from msg_tools.status_rows import Progress, Stage
 from msg_tools.steps import CallRefused, ServiceCall
 
 from ...observing.plan_topics import STATES, plan_of
+from . import BUILD, TYPES
 from .action_goals import GoalPlan, diagnosis_fields, plan_step
 
 PARAMS = (
     Param('give_up_s', 30.0, 'wall time without observer or calibration after which a goal is '
           'given up [s]', 1.0, 86400.0),
 )
-#: the package of the types, and how it is built where the sources are in src/telescope_mount
-TYPES = 'telescope_mount_msgs'
-BUILD = f'colcon build --base-paths src/telescope_mount/msg_tools --packages-select {TYPES}'
 #: s from the match on in which a latched message comes: one of a goal before is known then
 LATCHED_WITHIN = 1.0
 
@@ -164,6 +162,8 @@ class ActionBridge(MountNode):
             plan = plan_of(parameters)
             if self._plan is not None:
                 raise ValueError('a goal is under way')
+            if not self._plan_client.service_is_ready():
+                raise ValueError(f'nobody offers {self._plan_client.srv_name}')
             self._plan = mine = GoalPlan(plan, self._goal_known)
             answer = (await self._ask(self._plan_client, SetParametersAtomically.Request(
                 parameters=parameters))).result

@@ -71,6 +71,11 @@ def test_a_pass_that_does_not_come_ends_the_plan(tmp_path):
     assert state == 'failed' and 'satellite L52 is not up within 24 h, or its orbit ends' in text
 
 
+def test_a_file_that_is_not_there_ends_the_plan_alone(tmp_path):
+    state, text = observed(tmp_path / 'none.sp3', 'L52').run()
+    assert (state, text.endswith('none.sp3: No such file or directory')) == ('failed', True), text
+
+
 def test_no_command_of_a_pass_overhead_leaves_the_limits(tmp_path):
     """A low satellite through 88 degrees: the seconds lost are those that were said before."""
     from kepler_orbit import terrestrial

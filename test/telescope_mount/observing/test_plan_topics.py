@@ -85,3 +85,26 @@ def test_goal_states_and_feedback(graph):
     assert ask(('stars', 1)).successful
     graph.wait_for(lambda: tuple(states[-1].status_list[0].goal_info.goal_id.uuid) != tuple(
         goals[0].goal_info.goal_id.uuid), 'another goal')
+
+
+def test_each_goal_that_is_accepted_has_a_state_of_its_own(graph):
+    """Also the same plan, cancelled before it begins, while simulated time stands still."""
+    Instruments(graph, homed=False)
+    states, feedback = graph.listen(topics.PLAN_STATUS), graph.listen(topics.PLAN_FEEDBACK)
+    Night(graph, 'stars 5', autostart=False)
+    graph.connect()
+    client = graph.tester.create_client(SetParametersAtomically, 'star_observer/plan')
+    graph.wait_for(client.service_is_ready)
+    seen = set()
+    for _ in range(3):
+        future = client.call_async(SetParametersAtomically.Request(
+            parameters=steps(('stars', 2))))
+        graph.wait_for(future.done)
+        assert future.result().result.successful and graph.call('star_observer/cancel').success
+        goal = graph.wait_for(lambda: states and states[-1].status_list[0].status == (
+            GoalStatus.STATUS_CANCELED) and states[-1].status_list[0].goal_info)
+        seen.add(tuple(goal.goal_id.uuid))
+        graph.wait_for(lambda: {row.key: row.value for row in feedback[-1].status[0].values}[
+            'state'] == '5')
+        states.clear()
+    assert len(seen) == 3
