@@ -27,6 +27,7 @@ from std_srvs.srv import Trigger
 from calibration.calibration_node import Calibration
 from calibration.calibration_state import CalibrationState
 from msg_tools import topics
+from msg_tools.status_rows import Stage
 from msg_tools.units import ARCSEC
 from pointing_model.calibration_messages import ZeroPairs
 from pointing_model.model import PointingModel
@@ -110,6 +111,7 @@ def test_a_diagnosis_can_be_watched_and_cancelled(graph, monkeypatch):
         graph.wait_for(client.service_is_ready)
         answer = client.call_async(Trigger.Request())
         graph.wait_for(lambda: status[-1].message == 'diagnosing: looking, 1 of 2')
+        assert Stage.read(status[-1]) == ('looking', 1, 2)
         assert 'call calibration/cancel' in graph.call('fit').message
         desk.pub.publish(run_to_cloud(rows(1, seed=3), desk.stamp + 1))
         graph.report('calibration', '', 'received /mount/observation', 31)

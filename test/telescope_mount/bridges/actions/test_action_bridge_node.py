@@ -82,9 +82,9 @@ def client(graph):
         one.client.destroy()
 
 
-@pytest.mark.skipif('telescope_mount_msgs' in sys.modules, reason='the types are built')
 def test_without_its_types_one_line_says_what_to_build(graph, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'telescope_mount_msgs', None)
+    for part in ('', '.action', '.msg'):
+        monkeypatch.setitem(sys.modules, f'telescope_mount_msgs{part}', None)
     with pytest.raises(BadInput, match=r'telescope_mount_msgs is not built .*; do: colcon build '
                        r'--base-paths src/telescope_mount/msg_tools .*setup\.bash') as error:
         graph.add(ActionBridge)
