@@ -71,8 +71,8 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
 
     def cost(order):
         before = np.concatenate([np.full((len(order), 1), n), order[:, :-1]], axis=1)
-        *approach, lengths = moves[:, before * n + order]
-        where = place[:, order]
+        *approach, lengths = moves.take(before * n + order, axis=1)
+        where = place.take(order, axis=1)
         both = np.einsum('tn,tn->t', *approach)
         pairs = np.einsum('atn,wtn->awt', approach, where).reshape(6, -1)
         sums = (np.concatenate([approach, where]).reshape(-1, n) @ along).reshape(
