@@ -40,7 +40,7 @@ def nodes(values):
     parse_plan(plan)
     return started(values, night_graph(
         bag=values['bag'], scenario=values['scenario'], seed=values.number(int, 'seed'),
-        mount=values['mount'] or kind_of_mount(values['scenario']),
+        mount=kind_of_mount(values['scenario'], values['mount']),
         start_time=values['start_time'], time_scale=values.number(float, 'time_scale'),
         plan=plan, namespace=values['namespace']))
 

@@ -118,7 +118,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
         specs = night_graph(
             bag=str(folder / 'bag'), scenario=scenario, seed=seed, start_time=start_time,
             plan=plan, sample_rate_hz=1.0, sky=sky, calibration=calibration,
-            mount=mount or kind_of_mount(scenario))
+            mount=kind_of_mount(scenario, mount))
     about = {'scenario': scenario or None, 'source': str(file) if file else None, 'seed': seed,
              'plan': plan}
     report, rows, _ = observe(folder, specs, plan, partial(_write, folder, about), progress,

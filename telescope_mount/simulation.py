@@ -27,18 +27,21 @@ from encoder_sim.ccd import LinearCCD
 from encoder_sim.scenario_file import described_scenarios, load_scenario, scenario_names
 from encoder_sim.scenario_file import undeclared as _undeclared
 from msg_tools.bag import BagReader
+from pointing_model.mounts import parse_mount
 
 __all__ = ['Absolute', 'LinearCCD', 'described_scenarios', 'kind_of_mount', 'scenario_names',
            'undeclared']
 
 
-def kind_of_mount(scenario):
-    """What kind of mount a scenario has, which who observes with it is told.
+def kind_of_mount(scenario, mount=''):
+    """What kind of mount who observes with that of a scenario is told.
 
     Parameters
     ----------
     scenario : str
         A name or a YAML file.
+    mount : str
+        What to tell instead, with the same joints; empty: the scenario's.
 
     Returns
     -------
@@ -48,9 +51,17 @@ def kind_of_mount(scenario):
     Raises
     ------
     ValueError, OSError
-        There is no such scenario, or it is wrong.
+        There is no such scenario, or it is wrong; or its mount has other joints.
     """
-    return load_scenario(scenario).mount.kind
+    own = load_scenario(scenario).mount
+    told = parse_mount(mount, 0.0) if mount else own
+    if told.names.keys == own.names.keys:
+        return mount or own.kind
+    others = [name for name in scenario_names() if load_scenario(name).mount.kind == told.kind]
+    raise ValueError(
+        f'scenario {scenario} has {own.names.words} and not {told.names.words}: give the mount '
+        f'{own.kind}, or a scenario ' + (
+            f'such as {min(others, key=len)}' if others else 'of your own with such a mount'))
 
 
 def undeclared(bag):

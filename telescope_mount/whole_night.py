@@ -129,7 +129,7 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         graph['calibration'] = diagnosing(folder, graph.get('calibration'))
     specs = night_graph(
         bag=str(folder / 'bag'), plan=plan, scenario=scenario,
-        mount=mount or kind_of_mount(scenario),
+        mount=kind_of_mount(scenario, mount),
         model_file=str(reference.resolve()) if reference else '', **graph)
     written = observe(folder, specs, plan, partial(write_results, folder), progress, domain_number,
                       params_file)

@@ -81,6 +81,8 @@ def test_help_imports_nothing_that_takes_time():
     (('night', '--mount', 'indi:'), 'is no INDI server; write indi:HOST or indi:HOST:PORT'),
     (('night', '--mount', 'indi:dome', '--scenario', 'german'), '--scenario is for the simulated'),
     (('night', '--mount', 'alpaca:a:b'), 'is no Alpaca server; write alpaca:HOST or alpaca:HOST:P'),
+    (('night', '--mount', 'german'), 'scenario default has an alt-azimuth mount and not a German'),
+    (('night', '--mount', 'altaz', '--scenario', 'fork'), 'give the mount equatorial, or a'),
     (('night', '--anew'), '--anew is for a mount of a server; give it with --mount indi:HOST:PORT'),
     (('night', '--mount', 'indi:dome', '--camera', 'CCD'), 'write indi:HOST:PORT:NAME'),
     (('fit',), 'RUN'),
