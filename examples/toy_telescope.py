@@ -22,7 +22,8 @@ A line asks, a line answers; angles are degrees, as a controller may count them:
 - ``expose S``: open the shutter; the middle of the exposure (UTC, s) and where the brightest star
   of the field is beside the boresight, to the right and to the top of the tube, arcsec
 
-What it points beside is in `TERMS`; a fit has to find that.
+What it points beside is in `TERMS`; a fit has to find that. Of a satellite (`--satellite 'L52
+orbit.sp3'`) its camera measures the place as of the brightest star.
 """
 
 import argparse
@@ -53,31 +54,33 @@ class Server(socketserver.ThreadingTCPServer):
 if __name__ == '__main__':  # before all else: drivers that are started beside it find the port
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--port', type=int, default=7625)
-    server = Server(('localhost', parser.parse_known_args()[0].port), Talk)
+    parser.add_argument('--satellite', default='', metavar='ID FILE', help='one more light')
+    given = parser.parse_args()
+    server = Server(('localhost', given.port), Talk)
 
 import numpy as np  # noqa: E402
 
 from pointing_model.model import PointingModel  # noqa: E402
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place  # noqa: E402
-from pointing_model.sky.star_catalogue import load_catalogue  # noqa: E402
+from pointing_model.sky.star_catalogue import load_catalogue, satellite_target  # noqa: E402
 
 TERMS = {'IA': 180.0, 'IE': -90.0, 'CA': 20.0, 'NPAE': -8.0, 'AN': 12.0, 'AW': -25.0, 'TF': 15.0}
 SPEED = 15.0  # deg/s
-FIELD = np.radians(0.3)
+FIELD, BLURRED = np.radians(0.3), np.radians(0.02)
 ARCSEC = np.radians(1.0 / 3600.0)
 
 
 class Telescope:
     """Two axes that follow what they were told last, and a camera on them."""
 
-    def __init__(self, seed=1):
+    def __init__(self, seed=1, satellite=''):
         self._lock = threading.Lock()
         self._rng = np.random.default_rng(seed)
         self._at, self._angles, self._rates = time.time(), np.array([170.0, 45.0]), np.zeros(2)
         self._wanted = None
         self._homed = False
         self._model = PointingModel({name: value * ARCSEC for name, value in TERMS.items()})
-        self._stars = load_catalogue(mag_limit=6.5)
+        self._stars, self._satellite = load_catalogue(mag_limit=6.5), satellite_target(satellite)
 
     def _advance(self):
         now = time.time()
@@ -124,27 +127,41 @@ class Telescope:
 
     def expose(self, seconds):
         """Middle of the exposure and the star's place, arcsec; nan without a star."""
-        begin, seen = time.time(), []
-        while time.time() < begin + seconds:
+        times, seen = [], []
+        while not times or times[-1] < times[0] + seconds:
             with self._lock:
-                self._advance()
+                times.append(self._advance())
                 seen.append(self._angles)
             time.sleep(seconds / 20.0)  # the shutter is open: samples of where the tube looks
-        middle = 0.5 * (begin + time.time())
-        az, el = self._model.encoder_to_sky(*np.radians(np.mean(seen, axis=0)))
-        star_az, star_el = observed_place(self._stars, middle, DEFAULT_SITE, DEFAULT_WEATHER)
-        beside = star_az - az
-        along = np.sin(el) * np.sin(star_el) + np.cos(el) * np.cos(star_el) * np.cos(beside)
-        right = np.cos(star_el) * np.sin(beside) / along
-        up = (np.cos(el) * np.sin(star_el) - np.sin(el) * np.cos(star_el) * np.cos(beside)) / along
-        field = (along > 0.0) & (np.hypot(right, up) < FIELD)
-        if not field.any() or np.ptp(seen, axis=0).max() > 0.02:
+        middle = 0.5 * (times[0] + times[-1])
+        right, up = self._beside(np.mean(seen, axis=0), middle)
+        field = np.flatnonzero(np.hypot(right, up) < FIELD)
+        if not len(field):
             return middle, np.nan, np.nan
-        star = np.flatnonzero(field)[np.argmin(self._stars.mag[field])]
-        return middle, *(np.array([right[star], up[star]]) / ARCSEC + self._rng.normal(0, 1, 2))
+        # the brightest comes first
+        ends = [np.array(self._beside(angles, at))[:, field[0]]
+                for angles, at in ((seen[0], times[0]), (seen[-1], times[-1]))]
+        if np.abs(np.subtract(*ends)).max() > BLURRED:
+            return middle, np.nan, np.nan
+        return middle, *(np.array([right[field[0]], up[field[0]]]) / ARCSEC
+                         + self._rng.normal(0, 1, 2))
+
+    def _beside(self, angles, when):
+        """Of all lights, to the right and to the top of a tube whose axes read `angles`, rad."""
+        az, el = self._model.encoder_to_sky(*np.radians(angles))
+        sky = np.array(observed_place(self._stars, when, DEFAULT_SITE, DEFAULT_WEATHER))
+        sky = sky[:, np.argsort(self._stars.mag)]
+        if self._satellite is not None:
+            place = self._satellite.place(np.array([when]), DEFAULT_SITE, DEFAULT_WEATHER)
+            sky = np.hstack([place, sky])
+        beside = sky[0] - az
+        along = np.sin(el) * np.sin(sky[1]) + np.cos(el) * np.cos(sky[1]) * np.cos(beside)
+        along[along <= 0.0] = np.nan  # behind it
+        return (np.cos(sky[1]) * np.sin(beside) / along, (
+            np.cos(el) * np.sin(sky[1]) - np.sin(el) * np.cos(sky[1]) * np.cos(beside)) / along)
 
 
 if __name__ == '__main__':
-    server.telescope = Telescope()
+    server.telescope = Telescope(satellite=given.satellite)
     with contextlib.suppress(KeyboardInterrupt), server:
         server.serve_forever()

@@ -289,8 +289,6 @@ def resting(place):
 
 #: shortest braking, s
 SOONEST = 0.1
-#: braking at the end of a track takes so much more time than it might
-GENTLE = 1.25
 #: no axis has such a rate, rad/s
 NO_RATE = 1e3
 
@@ -323,13 +321,23 @@ def braked(times, angles, rates, axes):
             np.concatenate([rates, rate * (1.0 - passed / own)]))
 
 
-def ended(track, axes):
-    """A `Track` that ends at rest: with a knot more, where its last one has a rate."""
+def ended(track, slow):
+    """A `Track` that ends at rest: with a knot more, where its last one has a rate.
+
+    Parameters
+    ----------
+    track : Track
+    slow : sequence of float
+        Accelerations with which the axes brake, rad/s^2.
+
+    Returns
+    -------
+    Track
+    """
     rate = track.rates[-1]
     if not (np.abs(track.rates).max() < NO_RATE and rate.any()):
         return track  # one that is no number too: it will be refused
-    brake = max(SOONEST, GENTLE * max(abs(v) / axis.acceleration
-                                      for v, axis in zip(rate.tolist(), axes)))
+    brake = max(SOONEST, *(abs(v) / most for v, most in zip(rate.tolist(), slow)))
     return Track(track.start, np.append(track.times, track.times[-1] + brake),
                  np.vstack([track.angles, track.angles[-1] + 0.5 * brake * rate]),
                  np.vstack([track.rates, np.zeros(2)]))

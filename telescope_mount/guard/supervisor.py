@@ -159,7 +159,10 @@ class Supervisor:
             raise self._refuse(track, 'a request older than the one before: check its stamp',
                                self._last - track.start <= FAR * 1e9)  # else ours will be set back
         self._last, self._vias, self._turns = track.start, [], None
-        self._goal = track if self._settings.whole else ended(track, self.limits.axes)
+        # no sharper than a track may be, where the mount is slow
+        share = self.limits.timing or SHARE
+        self._goal = track if self._settings.whole else ended(
+            track, [share * axis.acceleration for axis in self.limits.axes])
         if self.state != 'paused':
             self._begin(now)
 

@@ -209,9 +209,18 @@ def test_axes_brake_each_in_its_own_time_and_tracks_end_at_rest():
     cubic = Cubic(times, angles, rates)
     assert np.all(cubic.peak_acceleration <= np.array([0.1, 0.4]) * (1.0 + 1e-9))
     track = ended(Track(0, np.array([0.0, 10.0]), np.array([[0.0, 0.0], [0.5, 0.1]]),
-                        np.full((2, 2), 0.05)), axes)
+                        np.full((2, 2), 0.05)), (0.1, 0.4))
     assert len(track.times) == 3 and not track.rates[-1].any()
-    assert Cubic(*track[1:]).peak_acceleration[0] <= 0.1
+    assert Cubic(*track[1:]).peak_acceleration[0] <= 0.1 * (1.0 + 1e-9)
+
+
+def test_a_fast_track_is_ended_no_sharper_than_a_track_may_be(mount):
+    times, rates = np.array([0.0, 60.0]), np.array([0.8, 0.3]) * DEG  # as of a low satellite
+    mount.asked = Track(mount.now, times, np.array([20.0, 40.0]) * DEG + times[:, None] * rates,
+                        np.tile(rates, (2, 1)))
+    assert mount.supervisor.limits.timing == 0.5
+    assert mount.run(30.0).state == 'following' and off(mount) < 0.01
+    assert mount.run(40.0).state == 'idle' and not mount.speed.any()
 
 
 def test_an_unknown_turn_leaves_what_is_safe_on_each():
