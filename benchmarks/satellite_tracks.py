@@ -31,6 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.satellites.orbit_faults import fit_without_faults
+from calibration.analysis.satellites.track_columns import CLOCK, track_columns
 from calibration.analysis.satellites.track_fit import fit_tracks
 from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
@@ -115,7 +116,7 @@ def memory_noise(rng, time):
     return walk + WHITE * rng.normal(size=len(time))
 
 
-def measured(rng, tracks, truth, clock=0.01, ahead=None, orbits=True):
+def measured(rng, tracks, truth, clock=0.01, ahead=None, orbits=True, remembers=True):
     """The tracks with what encoders would have read.
 
     Parameters
@@ -127,22 +128,24 @@ def measured(rng, tracks, truth, clock=0.01, ahead=None, orbits=True):
         Of a satellite, s as a function of time.
     orbits : bool
         Whether orbits are off.
+    remembers : bool
+        Whether the noise of satellites does; else it is that of stars.
     """
     run, n = tracks.run, len(tracks)
     x, y = np.zeros((2, n)) - clock * tracks.clock
     for arc in np.unique(tracks.arc):
         rows = np.flatnonzero(tracks.arc == arc)
         name = tracks.objects[tracks.object[rows[0]]]
-        if name == '':
+        if name == '' or not remembers:
             noise = STAR * rng.normal(size=(2, len(rows)))
         else:
             noise = np.stack([memory_noise(rng, rows) for _ in range(2)])
-            if orbits:
-                along, across, out = ORBIT_ERROR * rng.normal(size=3)
-                noise += (along / tracks.speed[rows] * tracks.ahead[:, rows]
-                          + across * tracks.across[:, rows] + out * tracks.out[:, rows])
-            late = (ahead or {}).get(name, 0.0)
-            noise += (late(run['time'][rows]) if callable(late) else late) * tracks.ahead[:, rows]
+        if orbits and name != '':
+            along, across, out = ORBIT_ERROR * rng.normal(size=3)
+            noise += (along / tracks.speed[rows] * tracks.ahead[:, rows]
+                      + across * tracks.across[:, rows] + out * tracks.out[:, rows])
+        late = (ahead or {}).get(name, 0.0)
+        noise += (late(run['time'][rows]) if callable(late) else late) * tracks.ahead[:, rows]
         x[rows] += noise[0]
         y[rows] += noise[1]
     az, el = truth.sky_to_encoder(run['az'], run['el'])
@@ -233,23 +236,46 @@ def part_bias(trials):
            f'{trials}')
 
 
+def clock_bound(tracks, remembers):
+    """Cramer-Rao bound of the clock's sigma, s: the exact covariance of all noise is known."""
+    columns, time = track_columns(tracks, PHYSICAL), np.asarray(tracks.run['time'], float)
+    information = columns.precision()
+    for arc in np.unique(tracks.arc):
+        rows = np.flatnonzero(tracks.arc == arc)
+        lag = np.abs(np.subtract.outer(time[rows], time[rows]))
+        star = tracks.objects[tracks.object[rows[0]]] == '' or not remembers
+        covariance = (STAR**2 * np.eye(len(rows)) if star else
+                      WHITE**2 * np.eye(len(rows)) + WALK**2 * np.exp(-lag / MEMORY))
+        root = np.linalg.cholesky(covariance)
+        for axis in columns.columns.reshape(len(columns.names), 2, -1).swapaxes(0, 1):
+            white = np.linalg.solve(root, axis[:, rows].T)
+            information = information + white.T @ white
+    at = columns.place(CLOCK)
+    return float(np.sqrt(np.linalg.inv(information)[at, at]))
+
+
 def part_clock(trials):
-    """60 stars and one pass."""
-    sigmas, z = [], []
-    for trial in range(trials):
-        rng = np.random.default_rng(2000 + trial)
-        truth, row = mount(rng), []
-        for kind in 'HP':
-            tracks = measured(rng, joined([stars(rng), *pick(rng, kind, 1)], _PRECISE), truth,
-                              orbits=False)
-            fit = fit_tracks(tracks)
-            row.append(fit['clock'])
-        sigmas.append([sigma for _, sigma in row])
-        z.append([(value - 0.01) / sigma for value, sigma in row])
-    yield ('clock by 60 stars and a pass of LAGEOS, of GPS: sigma '
-           + ', '.join(f'{1e3 * v:.1f}' for v in np.median(sigmas, axis=0))
-           + ' ms (4, 15); z RMS ' + ', '.join(
-               f'{v:.2f}' for v in np.sqrt(np.mean(np.square(z), axis=0))))
+    """60 stars and one pass, whose noise remembers or is that of stars."""
+    for remembers in (True, False):
+        found = []
+        for trial in range(trials):
+            rng = np.random.default_rng(2000 + trial)
+            truth, row = mount(rng), []
+            for kind in 'HP':
+                tracks = measured(rng, joined([stars(rng), *pick(rng, kind, 1)], _PRECISE), truth,
+                                  orbits=False, remembers=remembers)
+                value, sigma = fit_tracks(tracks)[CLOCK]
+                row.append((1e3 * sigma, (value - 0.01) / sigma,
+                            1e3 * clock_bound(tracks, remembers)))
+            found.append(row)
+        sigma, z, bound = np.moveaxis(found, 2, 0)
+
+        def both(values):
+            return ', '.join(f'{value:.1f}' for value in np.median(values, axis=0))
+        yield (f'by 60 stars and a pass of LAGEOS, of GPS, noise '
+               f'{"remembers" if remembers else "white"}: sigma {both(sigma)} ms (4, 15); '
+               f'Cramer-Rao bound {both(bound)} ms; z RMS ' + ', '.join(
+                   f'{v:.2f}' for v in np.sqrt(np.mean(np.square(z), axis=0))))
 
 
 def _four(rng, arcs):

@@ -256,7 +256,8 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
     if camera:
         parameters['indi_sky'] = camera | bridge | ({'exposure_s': exposure} if exposure else {})
     elif not seen:
-        parameters[f'{protocol}_sky'] = dict(server) | bridge | {'seed': seed}
+        parameters[f'{protocol}_sky'] = dict(server) | bridge | {
+            'seed': seed, 'satellite': _of_pass(plan)}
         exposure = REST_BEFORE_POLL if protocol == 'alpaca' else 0.0  # at the readings of INDI's
     names = *parameters, *BESIDE
     parameters |= {

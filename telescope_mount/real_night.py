@@ -119,7 +119,9 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
     if camera:
         parse_camera(camera)
     plan = server_plan(stars, track, discrimination)
-    parse_plan(plan)
+    if camera and any(step.verb == 'pass' for step in parse_plan(plan)):
+        raise ValueError(f'--camera {camera}: its images are solved by their stars, of a pass the '
+                         'satellite is to be measured; give the driver of a camera with --driver')
     found = ask_server(mount, sky, bool(camera or drivers))
     return _carry_out(
         out, plan, found.kind, lambda _, **common: nodes_of(

@@ -39,6 +39,7 @@ class Guarded:
             whole=False, silence=3.0, commander=1.5), time.monotonic)
         self.driver = MountDriver('localhost', port, mount, site, period_ms=100, **options)
         self.asked, self.sent, self.here, self._due = None, 0, None, 0.0
+        self._read = 0
 
     def __enter__(self):
         self.driver.start()
@@ -47,10 +48,10 @@ class Guarded:
     def __exit__(self, *_):
         self.driver.close(0.0)
 
-    def ask(self, first, second):
-        """Ask for a place of the sky, by angles of the axes, deg."""
+    def ask(self, first, second, rates=(15.041, 0.0)):
+        """Ask for a place of the sky, by angles of the axes, deg; or another track, arcsec/s."""
         times = np.array([0.0, 60.0])
-        rate = np.array([15.041 * ARCSEC, 0.0])
+        rate = np.array(rates) * ARCSEC
         self.asked = Track(time.time_ns(), times, np.array([first, second]) * DEG
                            + times[:, None] * rate, np.tile(rate, (2, 1)))
         self.supervisor.take_request(self.asked, time.time_ns(), 'a test')
@@ -62,7 +63,7 @@ class Guarded:
             now = time.monotonic()
             assert now < end, (self.supervisor.state, self.supervisor.reason, self.driver.state())
             for stamp, angles in self.driver.readings():
-                self.here = angles
+                self.here, self._read = angles, stamp
                 with suppress(ValueError):  # told its site, it jumps
                     self.supervisor.take_reading(stamp, angles, np.full(2, np.nan))
             if self.asked is not None:
@@ -78,7 +79,7 @@ class Guarded:
             time.sleep(0.02)
 
     def off(self):
-        """Of the axes from what is asked for now, arcsec."""
-        want = [np.interp((time.time_ns() - self.asked.start) * 1e-9, self.asked.times, angle)
+        """Of the last reading from what is asked for then, arcsec."""
+        want = [np.interp((self._read - self.asked.start) * 1e-9, self.asked.times, angle)
                 for angle in self.asked.angles.T]
         return np.abs(wrap(self.here - want)).max() / ARCSEC

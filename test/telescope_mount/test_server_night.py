@@ -92,6 +92,18 @@ def test_a_real_mount_needs_a_camera(refused, tmp_path):
     assert [guard.get('first_travel_deg', '') for guard in guards] == ['', '-88,178']
 
 
+def test_of_a_pass_the_simulator_shows_the_satellite_and_no_camera_solves_it(refused, tmp_path):
+    plan = server_plan(8, 'pass L52 lageos2.sp3')
+    with FakeServer(SIMULATED) as server:
+        address = f'indi:localhost:{server.port}:german'
+        found = ask_server(address)
+        said = refused('night', '--mount', address, '--pass', 'L52,lageos2.sp3', '--camera',
+                       'indi:dome:CCD 1', '--out', tmp_path / 'x')
+    specs = {spec.name: spec.parameters for spec in nodes_of(found, plan=plan, bag='b')}
+    assert specs['indi_sky']['satellite'] == 'L52 lageos2.sp3'
+    assert '--camera indi:dome:CCD 1: its images are solved by their stars' in said
+
+
 def test_a_camera_is_one_of_an_indi_server():
     assert parse_camera('indi:dome:CCD 1') == {'host': 'dome', 'port': 7624, 'camera': 'CCD 1'}
     for text in ('CCD 1', 'indi:dome:', 'alpaca:dome:11111:0'):

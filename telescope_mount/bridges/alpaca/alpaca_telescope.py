@@ -83,8 +83,8 @@ class AlpacaTelescope:
         Of the device on the server.
     """
 
-    #: the protocol gives no axis angles
-    has_axes, believed, axes = False, True, None
+    #: the protocol gives no axis angles, and the rates that it has are left alone
+    has_axes, believed, axes, takes_rates = False, True, None, False
 
     def __init__(self, host, port, number=0):
         with _asking(f'{host}:{port}'):

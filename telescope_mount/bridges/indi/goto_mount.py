@@ -24,16 +24,18 @@ from collections import deque
 
 import numpy as np
 
-from msg_tools.units import DEG, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond
 
-from .pointing import AxisFollower, axes_at
+from .pointing import AxisFollower, axes_at, place_of_date
 
 #: axes that are not told: a sentence for people
 NO_AXES = ('the driver reports no axis angles: its position is taken for them, and what its '
            'model corrects cannot be measured')
 #: axes that stand are not told again by a driver; they are said so often here, s
 STILL = 0.2
+NO_RATES = ('the driver takes no rates of the axes: a satellite is not followed; track it with a '
+            'driver of your own (docs/real_mount.md)')
 #: s after an order in which a driver says that it is under way
 TAKES_IT = 0.6
 #: s between two signs of life to the process that stops the mount if this one dies
@@ -42,6 +44,11 @@ HEARTBEAT = 0.1
 RETRY = 3.0
 #: a track that begins farther from the last is another part of the driver's model, rad
 FAR = 10.0 * DEG
+#: what goes over the sky faster than this is no star, rad/s; it is led by rates of the axes, where
+#: they are nearer to it than `NEAR`, rad, and else sent to where it is `LEAD` s later
+NO_STAR, NEAR, LEAD = 2.0 * ARCSEC, 0.5 * DEG, 1.0
+#: rates are renewed so often, s, and make up for what the axes are off in so much time, s
+RENEWED, MADE_UP = 0.2, 1.0
 #: a track at rest that is over so soon is a stop, s
 STOP = 0.25
 #: s after a stop in which one that still moves is stopped again, at once where it says that it has
@@ -60,7 +67,8 @@ class GotoMount:
     What blocks is done by its own thread; `step` is called often, by one thread. Who speaks
     a protocol gives `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
     ``believed``, ``axes``, ``place``, ``tracks``, ``taken_up``, ``beyond``, ``side``, ``slewing``,
-    ``parked``, ``goto``, ``abort`` and ``prepare`` as `indi_telescope.IndiTelescope` has them.
+    ``parked``, ``takes_rates``, ``turn``, ``goto``, ``abort`` and ``prepare`` as
+    `indi_telescope.IndiTelescope` has them.
 
     Parameters
     ----------
@@ -82,6 +90,8 @@ class GotoMount:
         self._follower = AxisFollower(mount, site, tolerance)
         self._track = self._last = self._fresh = None
         self._sent, self._newest, self._beside = 0.0, 0, ''
+        self._there = np.full(2, np.nan)  # of the axes, where it was sent last
+        self._turned = 0.0  # when rates were sent last, s; 0: since then it was sent to a place
         self._stopping, self._stopped, self._stop_sent = False, 0.0, 0
         self._readings = deque(maxlen=10_000)
         self._lock, self._wake, self._closed = threading.Lock(), threading.Event(), False
@@ -226,8 +236,8 @@ class GotoMount:
     def command(self, start, times, angles, rates=None):
         """Take a track: a new one, or the next piece of the one that is followed.
 
-        A piece that goes on with the track within the tolerance sends nothing to the driver. A
-        track at rest that is over within `STOP` is a stop.
+        A piece that goes on with the track within the tolerance, or by rates of the axes, sends
+        nothing to the driver. A track at rest that is over within `STOP` is a stop.
 
         Parameters
         ----------
@@ -250,20 +260,29 @@ class GotoMount:
                 self.abort()
             return
         track = start * 1e-9 + np.asarray(times, float), np.asarray(angles, float)
-        beside = np.inf
+        beside, now = np.inf, max(track[0][0], time.time())
         if self._track is not None:
-            now = max(track[0][0], time.time())
             beside = np.abs(wrap(self.demand(now) - _at(track, now))).max()
         self._track, self._stopping = track, False
-        if beside <= self._follower.tolerance:
+        if beside <= (NEAR if self._turned else self._follower.tolerance):
             return
-        if beside > FAR:
+        # also after a stop: sent without the correction it would turn beside and back
+        if np.abs(wrap(self.demand(now) - self._there)).max() > FAR:
             self._follower.begin()
         self._fresh, self._sent, self._beside = None, 0.0, ''
 
     def demand(self, now):
         """Angles of the commanded track at a time, rad, shape (1, 2)."""
         return _at(self._track, now)
+
+    def _rates(self, now):
+        """Of the axes on the track, rad/s, shape (2,), and whether it is that of no star."""
+        ends = now - 0.5 * RENEWED, now + 0.5 * RENEWED
+        angles = [self.demand(at)[0] for at in ends]
+        (ra, dec), (later, up) = (place_of_date(self.mount, *of, self.site)
+                                  for of in zip(angles, ends))
+        over = np.hypot(wrap(later - ra) * np.cos(dec), up - dec)
+        return (angles[1] - angles[0]) / RENEWED, over > NO_STAR * RENEWED
 
     def step(self):
         """Send the mount on where its axes are not on the track.
@@ -327,16 +346,33 @@ class GotoMount:
         if self._follower.other_side(demand, reading):
             self._beside = ('the driver took the other side of the pier than was commanded: '
                             'nearer to the meridian it chooses by itself')
-        elif self._follower.learn(demand, reading):
+            return
+        rates, moves = self._rates(now)
+        if moves and telescope.takes_rates:
+            self._lead(telescope, rates, self._follower.off(demand, reading), now)
+            return
+        if moves and np.abs(rates).max() > NO_STAR:  # and does not rest
+            self._beside = NO_RATES
+        if self._follower.learn(demand, reading):
             self._send(telescope, now)
 
+    def _lead(self, telescope, rates, off, now):
+        """Along a track of no star, by rates; axes that are far off are sent there once more."""
+        if np.abs(off).max() > NEAR:
+            self._send(telescope, now)
+        elif now - self._turned >= RENEWED:
+            telescope.turn(rates + off / MADE_UP)
+            self._turned = now
+
     def _send(self, telescope, now):
-        telescope.goto(*self._follower.target(self.demand(now)[0], now))
-        self._sent = now
+        then = now + LEAD * self._rates(now)[1]
+        self._there = self.demand(then)[0]
+        telescope.goto(*self._follower.target(self._there, then))
+        self._sent, self._turned = now, 0.0
 
     def abort(self):
         """Stop at once, and stand."""
-        self._track = None
+        self._track, self._turned = None, 0.0
         telescope = self._need()
         self._stopping, self._stopped = True, time.monotonic()
         self._stop_sent = time.time_ns()
@@ -390,6 +426,11 @@ class GotoMount:
 
 
 def _at(track, now):
-    """Angles of a track, (times, angles), at a time, rad, shape (1, 2)."""
+    """Angles of a track, (times, angles), at a time, rad, shape (1, 2).
+
+    Before its begin it goes on backwards: a reading may be older than the last piece.
+    """
     times, angles = track
-    return np.array([[np.interp(now, times, axis) for axis in angles.T]])
+    before = min(now - times[0], 0.0)
+    rate = (angles[1] - angles[0]) / (times[1] - times[0]) if before and len(times) > 1 else 0.0
+    return np.array([[np.interp(now, times, axis) for axis in angles.T]]) + before * rate

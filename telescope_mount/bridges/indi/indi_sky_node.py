@@ -25,6 +25,7 @@ from msg_tools.node import Param
 from msg_tools.node_lifecycle import AUTOSTART, WorkerNode
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
+from pointing_model.sky.star_catalogue import satellite_target
 
 from .indi_sources import SERVER_PARAMS, SolvedSky, TrueSky
 from .star_field import StarField
@@ -36,6 +37,8 @@ FIELD_PARAMS = (
     Param('noise_arcsec', 0.3, 'of a simulator, noise of each axis [arcsec]', 0.0, 60.0,
           fixed=True),
     Param('seed', 1, 'of the noise', 0, 2**31 - 1, fixed=True),
+    Param('satellite', '', 'of a simulator, one more light in the sky: a name and a file of its '
+          'orbit', check=satellite_target, fixed=True),
     Param('rate_hz', 2.0, 'of a simulator, exposures a second at most [Hz]', 0.1, 20.0,
           fixed=True),
 )
@@ -64,7 +67,7 @@ class IndiSky(WorkerNode):
         value = self.value
         self.worker = self._source = self.make_source(StarField(
             mount_of(self), *sky_of(self), value('field_deg') * DEG, value('magnitude_limit'),
-            value('noise_arcsec') * ARCSEC, value('seed')))
+            value('noise_arcsec') * ARCSEC, value('seed'), satellite_target(value('satellite'))))
         self._source.switch(False)
         self._without = 0
         self._pub = self.publisher(topics.MISS_DISTANCE)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import DEG, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
 
 from .client import PATIENCE, IndiError, Vector
 from .pointing import HOUR
@@ -35,6 +35,7 @@ HORIZONTAL = 'HORIZONTAL_COORD'
 PARK, ABORT, TRACK = 'TELESCOPE_PARK', 'TELESCOPE_ABORT_MOTION', 'TELESCOPE_TRACK_STATE'
 ON_SET, SITE, SIDE = 'ON_COORD_SET', 'GEOGRAPHIC_COORD', 'TELESCOPE_PIER_SIDE'
 RATE, KIND, CLOCK, CONNECTION = 'TELESCOPE_SLEW_RATE', 'MOUNT_TYPE', 'TIME_UTC', 'CONNECTION'
+MODE, RATES, CUSTOM = 'TELESCOPE_TRACK_MODE', 'TELESCOPE_TRACK_RATE', 'TRACK_CUSTOM'
 #: programs that simulate one: that of INDI, and one of `examples/simulated_servers`
 SIMULATOR, TWO_AXES = 'indi_simulator_telescope', 'two_axes'
 #: bit of DRIVER_INTERFACE of a telescope
@@ -132,7 +133,7 @@ class IndiTelescope:
     """
 
     def __init__(self, client, device, axes='', altaz=False):
-        self.client, self.device = client, device
+        self.client, self.device, self._rates = client, device, np.zeros(2)
         self._reported = altaz and not axes
         axes = axes or (f'{HORIZONTAL}:AZ,ALT' if altaz else f'{AXES}:PRIMARY,SECONDARY')
         self._axes_property, _, elements = axes.partition(':')
@@ -203,6 +204,11 @@ class IndiTelescope:
         """When it said last that it follows the sky, ns; 0 where it says that it does not."""
         track = self.last(TRACK)
         return track.received if track.on == 'TRACK_ON' else 0
+
+    @property
+    def takes_rates(self):
+        """Whether its axes can be told at which rates to track."""
+        return CUSTOM in self.last(MODE).values and self.get(RATES) is not None
 
     @property
     def side(self):
@@ -302,6 +308,8 @@ class IndiTelescope:
         if self.tracks is False:
             # some go on as they did before the slew
             self.track(True)
+        if self.last(MODE).on == CUSTOM:  # taken only while it tracks
+            self.client.switch(self.device, MODE, 'TRACK_SIDEREAL')
         self.client.send(self.device, PLACE, RA=float(np.mod(ra, 2.0 * np.pi)) / HOUR,
                          DEC=dec / DEG)
 
@@ -309,6 +317,17 @@ class IndiTelescope:
         """Let it follow the sky, or stand."""
         if self.get(TRACK) is not None:
             self.client.switch(self.device, TRACK, 'TRACK_ON' if on else 'TRACK_OFF')
+
+    def turn(self, rates):
+        """Track on with other rates of the axes, shape (2,), rad/s."""
+        if self.last(MODE).on != CUSTOM:
+            self.client.switch(self.device, MODE, CUSTOM)
+        through = np.where(rates * self._rates < 0.0, 0.0, rates)
+        # none is reversed at once: drivers refuse that
+        for row in ([through] if np.any(through != rates) else []) + [rates]:
+            self.client.send(self.device, RATES, **dict(zip(
+                ('TRACK_RATE_RA', 'TRACK_RATE_DE'), (row / ARCSEC).tolist())))
+        self._rates = rates
 
     def abort(self):
         """Stop at once, and stand."""

@@ -28,7 +28,7 @@ AROUND, MOVED = 4.0 * DEG, 1.0 * DEG
 
 
 class StarField:
-    """Miss distance of the brightest star of the field.
+    """Miss distance of the brightest star of the field, or of a satellite in it.
 
     Parameters
     ----------
@@ -42,11 +42,14 @@ class StarField:
     noise : float
         Of each axis, rad.
     seed : int
+    satellite : star_catalogue.SatelliteTarget, optional
+        One more light, brighter than the stars.
     """
 
-    def __init__(self, mount, site, weather, field, magnitude=8.0, noise=0.3 * ARCSEC, seed=1):
+    def __init__(self, mount, site, weather, field, magnitude=8.0, noise=0.3 * ARCSEC, seed=1,
+                 satellite=None):
         self.mount, self.site, self.weather = mount, site, weather
-        self._field, self._noise, self._seed = field, noise, seed
+        self._field, self._noise, self._seed, self._satellite = field, noise, seed, satellite
         self._all = load_catalogue(mag_limit=magnitude)
         self._near, self._about = None, None
 
@@ -84,15 +87,24 @@ class StarField:
     def miss_of(self, time, axes, noise=0.0):
         """As `miss`, of a mount whose perfect axes are `axes` (rad) at a time (s since 1970)."""
         forward = self.mount.direction(*map(np.asarray, axes))
-        stars = self._around(time, forward)
-        directions = ALTAZ.direction(*observed_place(stars, time, self.site, self.weather))
-        inside = np.flatnonzero(forward @ directions > np.cos(self._field))
-        if not len(inside):
+        star = self._light(time, forward)
+        if star is None:
             return np.full(2, np.nan)
-        star = directions[:, inside[np.argmin(stars.mag[inside])]]
         # about the boresight, to the right and the top of the tube, whatever its side
         right, top = self.mount.tangents(*map(np.asarray, axes))
         return np.array([star @ right, star @ top]) / (star @ forward) + noise
+
+    def _light(self, time, forward):
+        """Direction of what is measured, shape (3,); None: there is nothing in the field."""
+        if self._satellite is not None:
+            place = self._satellite.place(np.array([time]), self.site, self.weather)
+            direction = ALTAZ.direction(*place)[:, 0]
+            if forward @ direction > np.cos(self._field):
+                return direction
+        stars = self._around(time, forward)
+        directions = ALTAZ.direction(*observed_place(stars, time, self.site, self.weather))
+        inside = np.flatnonzero(forward @ directions > np.cos(self._field))
+        return directions[:, inside[np.argmin(stars.mag[inside])]] if len(inside) else None
 
     def _around(self, time, forward):
         if self._about is None or forward @ self._about < np.cos(MOVED):

@@ -159,6 +159,53 @@ def test_pieces_of_one_track_are_one_slew_and_a_rest_that_is_over_is_a_stop():
         bench.until(lambda: bench.driver.telescope.get('TELESCOPE_TRACK_STATE').on == 'TRACK_OFF')
 
 
+RATES = (switch('TELESCOPE_TRACK_MODE', {'TRACK_SIDEREAL': 'On', 'TRACK_CUSTOM': 'Off'}, 'def')
+         + number('TELESCOPE_TRACK_RATE', {'TRACK_RATE_RA': 15.041, 'TRACK_RATE_DE': 0}, 'def'))
+
+
+def test_what_goes_faster_than_stars_is_led_by_rates_and_a_star_is_tracked_again():
+    def sent():
+        return [tuple(map(float, re.findall(r'>([-\d.e]+)<', text))) for text in bench.server.got
+                if 'name="TELESCOPE_TRACK_RATE"' in text]
+
+    def led(rate, count):
+        began, first = time.time(), len(sent())
+
+        def turned():
+            place = 50.0 + rate * (time.time() - began)
+            bench.driver.command(*piece(place, rate))
+            bench.rest((place, 20.0 - 1.0 / 3600.0))
+            return len(sent()) >= first + count
+        bench.until(turned)
+        return sent()[first:]
+
+    with Bench(TELESCOPE + RATES) as bench:
+        bench.until(lambda: bench.driver.ready)
+        rates = led(0.05, 3)
+        assert 'TRACK_CUSTOM">On' in ' '.join(bench.server.got) and len(bench.gotos()) == 1
+        # deg/s in arcsec, and the declination makes up for what it is off
+        assert np.median(rates, axis=0) == pytest.approx((180.0, 1.0), abs=20.0)
+        assert np.median(rates, axis=0)[1] == pytest.approx(1.0, abs=0.1)
+        rates = np.array(led(-0.05, 4))[:, 0]  # the other way round, through rest
+        assert np.any(rates == 0.0) and rates[-1] < 0.0
+        bench.driver.command(*piece(70.0, 15.041 / 3600.0))
+        bench.until(lambda: len(bench.gotos()) == 2)
+        assert 'TRACK_SIDEREAL">On' in ' '.join(bench.server.got)
+
+
+def test_a_driver_that_takes_no_rates_is_said_to_follow_no_satellite():
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        began = time.time()
+
+        def said():
+            place = 50.0 + 0.05 * (time.time() - began)
+            bench.driver.command(*piece(place, 0.05))
+            bench.rest((place, 20.0))
+            return 'takes no rates of the axes' in bench.driver.state()[0]
+        bench.until(said)
+
+
 def test_one_that_takes_up_its_track_after_a_stop_is_stopped_again_at_once(monkeypatch):
     monkeypatch.setattr(goto_mount, 'STOP_AGAIN', 1e6)
 

@@ -32,7 +32,7 @@ from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi.client import IndiClient
-from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
+from telescope_mount.bridges.indi.indi_telescope import CUSTOM, MODE, IndiTelescope, Ticks
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing() or 'all is there')
@@ -108,6 +108,28 @@ def _behind_the_guard(server):
         mount.until(lambda: 'no reading of the encoders' in mount.supervisor.reason)
         assert 'is lost: a mount whose driver still runs goes where it was sent last' in (
             mount.driver.state()[0])
+
+
+def test_it_is_led_along_the_track_of_a_satellite():
+    with SimulatorServer() as server:
+        with IndiClient('localhost', server.port) as client:
+            telescope = IndiTelescope(client, DEVICE)
+            telescope.connect()
+            set_model(telescope, draw_errors(SEED, MODEL))
+        with Guarded(server.port, MOUNT, ((-10.0, 190.0), (-90.0, 270.0)), SITE) as mount:
+            mount.until(lambda: mount.here is not None)
+            mount.ask(80.0, 75.0, (-50.0, 110.0))  # as LAGEOS
+            off = []
+
+            def led():
+                if mount.driver.telescope.last(MODE).on == CUSTOM:
+                    off.append(mount.off())
+                return len(off) > 300 and np.median(off[-100:]) < 3.0
+            mount.until(led)
+            # and stars again, by places
+            mount.ask(78.0, 76.0)
+            mount.until(lambda: mount.supervisor.state == 'following' and mount.off() < 2.0
+                        and mount.driver.telescope.last(MODE).on != CUSTOM)
 
 
 def test_its_model_is_found_and_that_it_acts_on_the_sky(surveyed):

@@ -57,6 +57,23 @@ def test_the_miss_distance_centres_the_star_on_either_side(field, star_axes, bey
     assert np.abs(wrap(off)).max() < 0.01 * ARCSEC
 
 
+def test_a_satellite_in_the_field_comes_before_the_stars(star_axes):
+    place = place_of_date(MOUNT, star_axes, STAMP * 1e-9, DEFAULT_SITE)
+    az, el = MOUNT.horizon_of(*star_axes)
+
+    class Light:
+        north = 0.1 * DEG
+
+        def place(self, time, site, weather):
+            return az + 0.0 * time, el + self.north + 0.0 * time
+    light = Light()
+    field = StarField(MOUNT, DEFAULT_SITE, DEFAULT_WEATHER, 0.4 * DEG, noise=0.0, satellite=light)
+    seen = field.miss(STAMP, place, star_axes[1])
+    assert np.hypot(*seen) == pytest.approx(light.north, rel=1e-3)
+    light.north = 1.0 * DEG  # of the stars again
+    assert np.hypot(*field.miss(STAMP, place, star_axes[1])) < 2.0 * ARCSEC
+
+
 def test_no_star_in_the_field_is_no_number_and_noise_is_of_its_stamp(star_axes):
     place = place_of_date(MOUNT, star_axes, STAMP * 1e-9, DEFAULT_SITE)
     empty = StarField(MOUNT, DEFAULT_SITE, DEFAULT_WEATHER, 1.0 * ARCSEC, noise=0.0)
