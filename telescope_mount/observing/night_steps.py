@@ -17,7 +17,6 @@
 Nothing here knows ROS; what a step asks for is the outbox of the `Sequencer`.
 """
 
-import json
 from dataclasses import replace
 from functools import partial
 
@@ -125,9 +124,8 @@ class NightSteps:
     def send_checks(self):
         """Publish the blind checks."""
         clocks_too = {'clocks': self.clocks} if self.clocks else {}
-        self.out.send_checks(json.dumps({
-            'format': CHECKS_FORMAT, 'version': CHECKS_VERSION, 'checks': self.checks,
-            **clocks_too}))
+        self.out.send_checks({'format': CHECKS_FORMAT, 'version': CHECKS_VERSION,
+                              'checks': self.checks, **clocks_too})
 
     @property
     def clocks_are_off(self):

@@ -83,6 +83,20 @@ def plan_of(steps):
     return plan
 
 
+def figures_of(document):
+    """The numbers of the last blind check and of the clocks, dict of str to dict.
+
+    Parameters
+    ----------
+    document : dict
+        Of `observer/checks`.
+    """
+    groups = {'check': (document['checks'] or [{}])[-1],
+              'clocks': document.get('clocks', {}).get('found') or {}}
+    return {name: {key: value for key, value in rows.items() if isinstance(value, int | float)}
+            for name, rows in groups.items() if rows}
+
+
 class PlanTopics:
     """Publishes the states of goals and their feedback, and serves the typed goal.
 
@@ -91,11 +105,16 @@ class PlanTopics:
     node : MountNode
     begin : callable
         ``begin(plan)`` gives whether it was taken up, and a sentence.
+
+    Attributes
+    ----------
+    results : dict
+        Beside the feedback, as of `figures_of`.
     """
 
     def __init__(self, node, begin):
         self._node, self._begin, self._goal = node, begin, None
-        self._begun = 0  # stamp of the last goal, ns
+        self._begun, self.results = 0, {}  # stamp of the last goal, ns
         self._state_pub = node.publisher(topics.PLAN_STATUS)
         self._feedback_pub = node.publisher(topics.PLAN_FEEDBACK)
         node.create_service(SetParametersAtomically, '~/plan', self._on_goal)
@@ -128,8 +147,9 @@ class PlanTopics:
             return
         self._goal.status = state
         self._state_pub.publish(GoalStatusArray(status_list=[self._goal]))
-        message = DiagnosticArray(status=[convert.status(
-            b'\0', 'plan', progress.step, state=state,
-            **{name: getattr(progress, name) for name in NUMBERS})])
+        message = DiagnosticArray(status=[
+            convert.status(b'\0', 'plan', progress.step, state=state,
+                           **{name: getattr(progress, name) for name in NUMBERS}),
+            *convert.figures(stamp, self.results).status])
         message.header.stamp = convert.to_stamp(stamp)
         self._feedback_pub.publish(message)

@@ -59,7 +59,7 @@ class Sequencer:
         - ``guard``: a `GuardLink`
         - ``send_row(run, stamp)``: publish an observation, a PointingRun of one row
         - ``send_table(run, stamp)``: publish all rows so far
-        - ``send_checks(text)``: publish the document of the blind checks
+        - ``send_checks(document)``: publish the blind checks, a dict
         - ``send_status(progress, text)``: publish how far the plan is, a `Progress`
         - ``refuse_frame(reason)``: count an exposure that cannot be used
         - ``get_logger()``: a logger with ``info``, ``warning`` and ``error``

@@ -17,6 +17,7 @@
 Here are parameters, topics and time; what is done is in `observing`, which knows no ROS.
 """
 
+import json
 import time
 from functools import partial
 
@@ -43,7 +44,7 @@ from .instrument_health import CLOCK_JUMP
 from .instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .night_file import NightFile
 from .night_memory import NightMemory
-from .plan_topics import PlanTopics
+from .plan_topics import PlanTopics, figures_of
 from .sequencer import Sequencer
 from .star_observer_params import PARAMS
 
@@ -321,9 +322,10 @@ class StarObserver(MountNode):
         """On `observations`."""
         self._observations_pub.publish(run_to_cloud(run, stamp))
 
-    def send_checks(self, text):
-        """On `observer/checks`."""
-        self._checks_pub.publish(String(data=text))
+    def send_checks(self, document):
+        """On `observer/checks`; their numbers with the feedback of the plan."""
+        self._checks_pub.publish(String(data=json.dumps(document)))
+        self._plan_topics.results = figures_of(document)
 
     def send_status(self, progress, text):
         """On `observer/status`."""

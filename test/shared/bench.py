@@ -14,7 +14,6 @@
 
 """A plan on instruments and a clock of the test, without ROS."""
 
-import json
 import logging
 from types import SimpleNamespace
 
@@ -139,8 +138,8 @@ class Bench:
     def send_table(self, run, stamp):
         self.tables.append(run)
 
-    def send_checks(self, text):
-        self.checks.append(json.loads(text)['checks'])
+    def send_checks(self, document):
+        self.checks.append(list(document['checks']))
 
     def send_status(self, progress, text):
         self.statuses.append((progress, text))

@@ -24,8 +24,13 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 
 from msg_tools import topics
+from msg_tools.units import ARCSEC
+from pointing_model.model import PointingModel
+from telescope_mount.observing.night_memory import blind_summary
 from telescope_mount.observing.plan import VERBS, parse_plan
-from telescope_mount.observing.plan_topics import NUMBERS, plan_of
+from telescope_mount.observing.plan_topics import NUMBERS, figures_of, plan_of
+
+ONE_TERM = PointingModel({'IA': 1e-4})
 
 
 def steps(*given):
@@ -85,6 +90,16 @@ def test_goal_states_and_feedback(graph):
     assert ask(('stars', 1)).successful
     graph.wait_for(lambda: tuple(states[-1].status_list[0].goal_info.goal_id.uuid) != tuple(
         goals[0].goal_info.goal_id.uuid), 'another goal')
+
+
+def test_checks_and_clocks_are_numbers_of_the_result():
+    checks = [blind_summary([[1e-6, 0.0]]), blind_summary([[3e-6, 4e-6]], 2, ONE_TERM)]
+    found = figures_of({'checks': checks, 'clocks': {'found': {'offset_s': 0.1, 'sigma_s': 0.01}}})
+    assert found['clocks'] == {'offset_s': 0.1, 'sigma_s': 0.01}
+    assert found['check']['rms_arcsec'] == pytest.approx(5e-6 / ARCSEC)
+    assert (found['check']['stars'], found['check']['lost']) == (1, 2)
+    assert all(isinstance(value, int | float) for value in found['check'].values())
+    assert figures_of({'checks': []}) == {} == figures_of({'checks': [], 'clocks': {'found': None}})
 
 
 def test_each_goal_that_is_accepted_has_a_state_of_its_own(graph):
