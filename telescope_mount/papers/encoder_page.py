@@ -144,7 +144,8 @@ def _methods(report):
              number(report['damaged']['methods'][name]['rms_arcsec']),
              number(loud[name]['std_arcsec'])) for name, row in report['methods'].items()]
     return table(('method', 'σ ″', 'printed ″', 'largest of a turn, mean ″', 'rejected',
-                  'one bar off (not in σ)', 'damaged bars, RMS ″', 'σ with the noise of the paper ″'), rows, 'numbers sort')
+                  'one bar off (not in σ)', 'damaged bars, RMS ″',
+                  'σ with the noise of the paper ″'), rows, 'numbers sort')
 
 
 def _needed(rows):
