@@ -42,7 +42,7 @@ from msg_tools.steps import CallRefused, ServiceCall
 
 from ...observing.plan_topics import STATES, plan_of
 from . import BUILD, TYPES
-from .action_goals import GoalPlan, diagnosis_fields, plan_step
+from .action_goals import GoalPlan, counted, diagnosis_fields, plan_step
 
 PARAMS = (
     Param('give_up_s', 30.0, 'wall time without observer or calibration after which a goal is '
@@ -160,7 +160,7 @@ class ActionBridge(MountNode):
             parameters = [Parameter(step.verb, value=str(step).partition(' ')[2] or None)
                           .to_parameter_msg() for step in steps]
             plan = plan_of(parameters)
-            if self._plan is not None:
+            if self._plan is not None and not self._plan.over:
                 raise ValueError('a goal is under way')
             if not self._plan_client.service_is_ready():
                 raise ValueError(f'nobody offers {self._plan_client.srv_name}')
@@ -184,9 +184,11 @@ class ActionBridge(MountNode):
                 handle.publish_feedback(kind.Feedback(**feedback(plan)))
         self._tell = tell
         tell()
-        await self._until(
-            lambda: plan.over or time.monotonic() - self._observer_seen > limit)
-        self._plan, self._tell = None, lambda: None
+        try:
+            await self._until(
+                lambda: plan.over or time.monotonic() - self._observer_seen > limit)
+        finally:
+            self._plan, self._tell = None, lambda: None
         end = plan.end(handle.is_cancel_requested, f'no star observer for {limit:g} s')
         getattr(handle, end)()
         return kind.Result(**result(plan))
@@ -225,7 +227,7 @@ class ActionBridge(MountNode):
         types, known, fields = self._actions.Diagnose, self._diagnosis, None
 
         def tell(stage):
-            handle.publish_feedback(types.Feedback(**stage._asdict()))
+            handle.publish_feedback(types.Feedback(**stage))
         known['tell'] = tell
         try:
             answer = await self._ask(self._diagnosis_client, effect=lambda: 'document' in known)
@@ -238,7 +240,8 @@ class ActionBridge(MountNode):
                 fields = diagnosis_fields(known['document'], message)
         except (ValueError, CallRefused) as err:
             message = str(err)
-        self._diagnosis = None
+        finally:
+            self._diagnosis = None
         if fields is None:
             (handle.canceled if handle.is_cancel_requested else handle.abort)()
             return types.Result(message=message, **dict.fromkeys(
@@ -251,7 +254,7 @@ class ActionBridge(MountNode):
     def _on_stage(self, message):
         stage = Stage.read(message)
         if self._diagnosis is not None and stage is not None:
-            self._diagnosis['tell'](stage)
+            self._diagnosis['tell'](counted(stage._asdict()))
 
     def _on_diagnosis(self, message):
         if self._diagnosis is not None:

@@ -110,7 +110,13 @@ class GoalPlan:
             self.replaced = True
 
     def take_progress(self, progress, state, text):
-        """As on `observer/status`: a `Progress`, the number of its state, and the sentence."""
+        """As on `observer/status`: a `Progress`, the number of its state, and the sentence.
+
+        Raises
+        ------
+        ValueError
+            A number that a field cannot hold.
+        """
         if progress.plan == self.plan:
             self.known, self.fields = True, _fields(progress, state, text)
 
@@ -142,7 +148,16 @@ class GoalPlan:
 def _fields(progress, state, text):
     rows = progress.rows()
     del rows['plan']
-    return rows | {'state': state, 'message': text}
+    return counted(rows) | {'state': state, 'message': text}
+
+
+def counted(fields):
+    """`fields`; ValueError where a number is none that its type holds, which ends a process."""
+    for name, value in fields.items():
+        low, high = (-2**31, 2**31) if name == 'run' else (0, 2**32)
+        if isinstance(value, int) and not low <= value < high:
+            raise ValueError(f'{name} = {value}: no count')
+    return fields
 
 
 def diagnosis_fields(document, message):

@@ -117,6 +117,13 @@ def test_an_observer_that_was_restarted_goes_on_with_it():
     assert follow((10, RUNS), (20, RUNS), (DONE, 'plan finished'), (20, DONE)).over
 
 
+@pytest.mark.parametrize('wrong', [{'done': -1}, {'total': 2**32}, {'run': 2**31}])
+def test_what_no_field_holds_is_refused(wrong):
+    with pytest.raises(ValueError, match='no count'):
+        GoalPlan(PLAN, None).take_progress(Progress(plan=PLAN, **wrong), RUNS, '')
+    GoalPlan(PLAN, None).take_progress(Progress(plan=PLAN, run=-3), RUNS, '')
+
+
 def test_another_plan_or_silence_is_an_end():
     goal = follow((10, RUNS), (RUNS, 'stars 2'))
     assert goal.end(False, 'no star observer for 30 s') == 'abort'
