@@ -34,6 +34,8 @@ _STRETCH = 2000.0 * ARCSEC
 _LEAST_KNOT = 0.5
 #: s from a command to the end of an exposure on its track
 _EXPOSED = 3.0
+#: an axis of a track stays so far within its travel, rad
+_EDGE = 1.0 * DEG
 
 
 class PassPointing(Pointing):
@@ -64,6 +66,25 @@ class PassPointing(Pointing):
                 turns = np.round((angles[inside, hole.axis] - way) / (2.0 * np.pi))
                 angles[inside, hole.axis] = way + 2.0 * np.pi * turns
         return angles[:, 0], angles[:, 1]
+
+    def keep_within(self, travel, start, site, air):
+        """End its tracks before an axis leaves its travel: the next one is on the other side.
+
+        Parameters
+        ----------
+        travel : sequence of (float, float)
+            Ends of both axes, rad.
+        start : int
+            Of the first track, ns.
+        site : Site
+        air : Weather
+        """
+        seconds = np.arange(0.0, self._forecast.end - start * 1e-9, self.knot)
+        places = self.place(start + (seconds * 1e9).astype(np.int64), site, air)
+        inside = np.all([(angle > low + _EDGE) & (angle < high - _EDGE)
+                         for angle, (low, high) in zip(places, travel)], axis=0)
+        if inside[:1].any() and not inside.all():
+            self.until = start * 1e-9 + float(seconds[np.argmin(inside)])
 
 
 def next_pass(orbit, now, site, mount, axes, low):
@@ -105,7 +126,7 @@ def observe_pass(night, step):
     CallRefused
         The file of its orbit cannot be read, or no pass comes soon.
     """
-    value, exposer = night.out.value, night.exposer
+    value, exposer, guard = night.out.value, night.exposer, night.out.guard
     try:
         target = satellite_target(step.what)
     except OSError as err:  # an error of a plan ends the plan, not the node
@@ -131,6 +152,9 @@ def observe_pass(night, step):
                                 value('meridian_limit_deg') * DEG, forecast, way)
         if max(exposer.now(), exposer.earliest) * 1e-9 > forecast.end - 3.0 * pointing.knot - 1.0:
             break
+        if not mount.vertical and guard.allowed is not None and guard.allowed.travel:
+            pointing.keep_within(guard.allowed.travel, max(exposer.now(), exposer.earliest), site,
+                                 weather)
         rows += yield from night.observe(target, pointing=pointing)
         yield from _wait_for(night, _beside(forecast.keyholes, max(
             exposer.commanded + round(value('satellite_interval_s') * 1e9), exposer.now())),

@@ -20,6 +20,7 @@ from bench import SECOND, Bench
 from kepler_orbit import START, sp3
 
 from msg_tools.units import DEG, wrap
+from pointing_model.mounts import parse_mount
 from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.satellite import satellite_place
 from pointing_model.sky.star_catalogue import satellite_target
@@ -74,6 +75,23 @@ def test_a_pass_that_does_not_come_ends_the_plan(tmp_path):
 def test_a_file_that_is_not_there_ends_the_plan_alone(tmp_path):
     state, text = observed(tmp_path / 'none.sp3', 'L52').run()
     assert (state, text.endswith('none.sp3: No such file or directory')) == ('failed', True), text
+
+
+def test_across_the_meridian_a_german_mount_goes_on_on_its_other_side(tmp_path):
+    path = tmp_path / 'a.sp3'
+    path.write_text(sp3(120.0 * np.arange(400), velocities=False))
+    mount = parse_mount('german', DEFAULT_SITE.latitude)
+    bench = observed(path, 'L52', kind=mount, satellite_interval_s=100.0, meridian_limit_deg=0.0)
+    limits = Limits(mount, (Axis(-3.0 * DEG, 183.0 * DEG, 6.0 * DEG, 3.0 * DEG),
+                            Axis(-90.0 * DEG, 270.0 * DEG, 6.0 * DEG, 3.0 * DEG)), timing=1.0)
+    bench.allowed = AllowedSky.from_rows(rows_of(limits), DEFAULT_SITE)
+    state, text = bench.run()
+    assert state == 'done', text
+    first = [track.angles[:, 0] for track in bench.commands]
+    assert min(one.min() for one in first) > -3.0 * DEG
+    assert max(one.max() for one in first) < 183.0 * DEG
+    beyond = [track.angles[0, 1] > 0.5 * np.pi for track in bench.commands]
+    assert np.count_nonzero(np.diff(beyond)) == 1 and 5 < sum(beyond) < len(beyond) - 5
 
 
 def test_no_command_of_a_pass_overhead_leaves_the_limits(tmp_path):
