@@ -362,7 +362,11 @@ class Ticks:
         if telescope.is_place(name):
             axes, place = telescope.axes, telescope.place
             tracking = not telescope.slewing and vector.state != 'Alert'
-            if axes is not None and abs(vector.received - axes[1]) <= TICK:
+            if axes is None:
+                return
+            if abs(vector.received - axes[1]) <= TICK:
                 self._tick(Tick(axes[1], axes[0], place[0], tracking))
+            elif tracking and telescope.tracks is False:  # axes that stand are not sent again
+                self._tick(Tick(vector.received, axes[0], place[0], tracking))
         elif telescope.is_axes(name):
             self._tick(Tick(vector.received, telescope.axes[0], None, not telescope.slewing))

@@ -23,7 +23,7 @@ from msg_tools.units import DEG
 from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi import parse_address
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
-from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks, find_device
+from telescope_mount.bridges.indi.indi_telescope import TICK, IndiTelescope, Ticks, find_device
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 
@@ -77,9 +77,14 @@ def test_readings_of_one_tick_are_paired(server):
                    + number('EQUATORIAL_EOD_COORD', {'RA': 7, 'DEC': 29}))
         client.wait(lambda: any(tick.place is not None and tick.axes[0] > 49.0 * DEG
                                 for tick in ticks), 'no tick')
-    tick = ticks[-1]
+        tick = ticks[-1]
+        # one that stands says no more than how the sky goes by
+        client.wait(lambda: server.say(number('EQUATORIAL_EOD_COORD', {'RA': 7.001, 'DEC': 29}))
+                    or ticks[-1].stamp > tick.stamp + TICK, 'no tick')
     assert tick.axes / DEG == pytest.approx((50.0, 31.0))
     assert tick.place / DEG == pytest.approx((105.0, 29.0)) and tick.tracking
+    assert ticks[-1].axes / DEG == pytest.approx((50.0, 31.0))
+    assert ticks[-1].place / DEG == pytest.approx((105.015, 29.0))
 
 
 def test_a_property_set_without_a_timeout_does_not_end_the_connection():

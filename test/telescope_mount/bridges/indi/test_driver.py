@@ -112,6 +112,22 @@ def test_axes_beside_their_demand_are_sent_on_by_as_much():
         assert (second - first) * 15.0 == pytest.approx(0.2, abs=0.05)
 
 
+def test_after_a_stop_it_is_sent_by_as_much_farther_at_once():
+    with Bench() as bench:
+        bench.until(lambda: bench.driver.ready)
+        bench.driver.command(*track((50.0, 20.0)))
+        bench.until(bench.gotos)
+
+        def again():
+            bench.rest((50.0, 19.9))
+            return len(bench.gotos()) > 1
+        bench.until(again)
+        bench.driver.abort()
+        bench.driver.command(*track((50.0, 20.0)))
+        bench.until(lambda: len(bench.gotos()) > 2)
+        assert bench.gotos()[-1][1] == pytest.approx(20.1, abs=1e-6)
+
+
 def test_the_other_side_of_the_pier_is_said_and_not_chased():
     with Bench() as bench:
         bench.until(lambda: bench.driver.ready)
