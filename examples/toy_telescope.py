@@ -55,7 +55,7 @@ if __name__ == '__main__':  # before all else: drivers that are started beside i
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--port', type=int, default=7625)
     parser.add_argument('--satellite', default='', metavar='ID FILE', help='one more light')
-    given = parser.parse_args()
+    given = parser.parse_known_args()[0]  # ROS has more
     server = Server(('localhost', given.port), Talk)
 
 import numpy as np  # noqa: E402

@@ -120,8 +120,8 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
         parse_camera(camera)
     plan = server_plan(stars, track, discrimination)
     if camera and any(step.verb == 'pass' for step in parse_plan(plan)):
-        raise ValueError(f'--camera {camera}: its images are solved by their stars, of a pass the '
-                         'satellite is to be measured; give the driver of a camera with --driver')
+        raise ValueError(f'--camera {camera}: its images are solved by their stars, and a pass '
+                         'wants the satellite measured; give a driver that does with --driver')
     found = ask_server(mount, sky, bool(camera or drivers))
     return _carry_out(
         out, plan, found.kind, lambda _, **common: nodes_of(

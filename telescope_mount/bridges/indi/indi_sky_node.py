@@ -37,8 +37,8 @@ FIELD_PARAMS = (
     Param('noise_arcsec', 0.3, 'of a simulator, noise of each axis [arcsec]', 0.0, 60.0,
           fixed=True),
     Param('seed', 1, 'of the noise', 0, 2**31 - 1, fixed=True),
-    Param('satellite', '', 'of a simulator, one more light in the sky: a name and a file of its '
-          'orbit', check=satellite_target, fixed=True),
+    Param('satellite', '', 'one more light in the sky: a name and a file of its orbit',
+          check=satellite_target, fixed=True),
     Param('rate_hz', 2.0, 'of a simulator, exposures a second at most [Hz]', 0.1, 20.0,
           fixed=True),
 )
