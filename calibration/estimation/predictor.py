@@ -33,6 +33,9 @@ from .shrinkage import Beyond, chosen, shrunk, shrunk_beside_strong
 DIRECT, DRIVEN, STEP, SLOW = range(4)
 #: the ways, the plain terms first
 WAYS = ('terms', 'choice', 'choice with steps', 'ridge', 'strong effects and ridge')
+#: one prior for all is at odds with strong effects, and far off beyond the rows: alone it is taken
+#: where it is better by a standard error (Breiman et al. 1984, Classification and Regression Trees)
+_RIDGE, _STRONG_TOO = WAYS[3:]
 BLOCKS = 10
 #: standard errors of a gain, from which on plain terms are left
 _CLEAR = 2.0
@@ -189,7 +192,10 @@ def predictor(problem, rows=None):
         for one, block in zip(ways[way][1:], blocks):
             left[way][:, block] = problem.left(one, block)
     live = [block[weights[block] > LIVE] for block in blocks]
-    shares = _shares([left[way][:, np.concatenate(live)] for way in WAYS])
+    better, error = _gain(left[_STRONG_TOO], left[_RIDGE], live)
+    mixed = [way for way in WAYS if way != _RIDGE or better > error]
+    shares = _shares([left[way][:, np.concatenate(live)] for way in mixed])
+    shares = np.array([shares[mixed.index(way)] if way in mixed else 0.0 for way in WAYS])
     mixture = sum(share * left[way] for share, way in zip(shares, WAYS))
     gain, gain_sigma = _gain(left['terms'], mixture, live)
     # shares are fitted to the same blocks: what that gains by chance (Akaike 1974)
