@@ -148,8 +148,7 @@ class MemoryTest:
         return min(_SAFE * share, 1.0)
 
     def best(self, gains, without=()):
-        """The group with the largest ratio, and that, among those with the largest `gains` (G,).
-        """
+        """Of the groups with the largest `gains` (G,) that with the largest ratio, and that."""
         some = np.setdiff1d(self._groups, without)
         likely = np.sort(some[np.argsort(-gains[some], kind='stable')[:_LIKELY]])
         ratios = self._ratios(self._bank.only(likely), self._problem.b[None])[0]

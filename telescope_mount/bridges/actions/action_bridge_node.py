@@ -308,4 +308,3 @@ class ActionBridge(MountNode):
         """Withdraw the actions."""
         for server in self._servers.values():
             server.destroy()
-
