@@ -71,6 +71,25 @@ def calibration_figures(model, zero, report=None, tracked=None):
     return {name: rows for name, rows in known.items() if rows}
 
 
+def expected_figures(expected):
+    """How much the zero of a power-on will have changed, in a group as `calibration_figures`.
+
+    Parameters
+    ----------
+    expected : dict
+        Of each axis ``change_arcsec`` and ``sigma_arcsec``, None where unknown.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        ``expected_change``, with the keys of ``zero``.
+    """
+    rows = {f'{name}_axis{end}_arcsec': expected[axis][key]
+            for name, axis in (('first', 'azimuth'), ('second', 'elevation'))
+            for end, key in (('', 'change_arcsec'), ('_sigma', 'sigma_arcsec'))}
+    return {'expected_change': {key: value for key, value in rows.items() if value is not None}}
+
+
 def _value(value, sigma):
     return {'value_arcsec': value / ARCSEC, 'sigma_arcsec': sigma / ARCSEC}
 

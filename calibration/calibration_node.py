@@ -31,7 +31,6 @@ from msg_tools.node_process import give_back
 from msg_tools.status_rows import Progress, Stage, handover_rows
 from msg_tools.whole_files import write_text
 from pointing_model.calibration_messages import (
-    expected_to_joints,
     text_to_pair,
     zero_identity,
     zero_to_joints,
@@ -43,7 +42,7 @@ from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.skyline import parse_horizon
 
 from .analysis.encoders.cross_check import axis_homings
-from .calibration_figures import calibration_figures, residual_table
+from .calibration_figures import calibration_figures, expected_figures, residual_table
 from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
@@ -228,8 +227,8 @@ class Calibration(MountNode):
             return
         self._expected_of = number
         if expected := self._state.expect():
-            self._publish(topics.ZERO_EXPECTED, expected_to_joints(
-                expected, self._state.last_stamp, self._state.mount.names.keys))
+            self._publish(topics.ZERO_EXPECTED, convert.figures(
+                self._state.last_stamp, expected_figures(expected)))
 
     def _publish_zero(self, zero):
         """With what it holds for: its power-on and the model."""

@@ -141,7 +141,8 @@ ZERO_IDENTITY = Topic(
 ZERO_POSE = Topic(
     'zero/pose', 'geometry_msgs/msg/PoseWithCovarianceStamped', LATCHED, computed=True)
 # by how much the zero will have changed since the power-on before, before Polaris is seen
-ZERO_EXPECTED = Topic('zero/expected_change', 'sensor_msgs/msg/JointState', LATCHED, computed=True)
+ZERO_EXPECTED = Topic(
+    'zero/expected_change', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
 MODEL = Topic('model', 'std_msgs/msg/String', LATCHED, computed=True)
 DIAGNOSIS = Topic('diagnosis', 'std_msgs/msg/String', LATCHED, computed=True)
 CALIBRATION_REPORT = Topic('calibration/report', 'std_msgs/msg/String', LATCHED, computed=True)

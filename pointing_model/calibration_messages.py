@@ -197,30 +197,6 @@ def _check_covariance(what, covariance, names):
 IDENTITY_VERSION = 1
 
 
-def expected_to_joints(expected, stamp, names=AXES):
-    """The change of a zero that is expected of a power-on.
-
-    Parameters
-    ----------
-    expected : dict
-        Of each axis ``change_arcsec`` and ``sigma_arcsec``, None where unknown.
-    stamp : int
-        ns; of a reading of that power-on.
-    names : sequence of str
-        Of the joints.
-
-    Returns
-    -------
-    sensor_msgs.msg.JointState
-        ``position`` the change since the last zero, ``effort`` its sigma; rad.
-    """
-    axes = [expected[axis] for axis in AXES]
-    return joint_state(
-        stamp, [axis['change_arcsec'] * ARCSEC for axis in axes],
-        effort=[np.nan if axis['sigma_arcsec'] is None else axis['sigma_arcsec'] * ARCSEC
-                for axis in axes], names=names)
-
-
 def zero_to_joints(zero, ns, names=AXES):
     """A JointState: ``position`` the zero, ``effort`` its sigma (rad).
 

@@ -63,7 +63,7 @@ TOPICS = {
     'zero': "the encoders' zero with its standard error (`effort`), rad",
     'zero/pose': 'the same angles with their covariance, in `axes`',
     'zero/identity': 'the power-on and the model that the zero is of',
-    'zero/expected_change': 'by how much the zero will have changed, rad, before a star tells',
+    'zero/expected_change': 'by how much the zero will have changed, with σ, before a star tells',
     'model': 'the pointing model, JSON',
     'diagnosis': 'what the model lacks, JSON',
     'calibration/report': 'zeros, fits and checks of the night, JSON',

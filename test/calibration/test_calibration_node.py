@@ -401,9 +401,9 @@ def test_the_zero_of_tonight_is_told_before_polaris(graph):
         assert graph.call('fit').success
     graph.wait_for(lambda: told, 'the zero that is expected')
     # the mean of two zeros 6" apart lies 3" below the last one
-    _, change, _, sigma = convert.read_joints(told[0])
-    assert change[0] / ARCSEC == pytest.approx(-3.0, abs=1.5)
-    assert sigma[0] / ARCSEC > 4.0 and told[0].header.frame_id == 'mount_enu'
+    change = series_of(told[0])
+    assert change['expected_change/first_axis_arcsec'] == pytest.approx(-3.0, abs=1.5)
+    assert change['expected_change/first_axis_sigma_arcsec'] > 4.0
     found = json.loads(reports[-1].data)
     assert [row['run'] for row in found['power_ons']] == [1, 2]
     assert 'too few' in found['zero_causes']['text']
