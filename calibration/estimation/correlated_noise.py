@@ -193,11 +193,13 @@ class CorrelatedNoise:
         return self._each(residual, 0.0, _Differences.process)
 
     def _each(self, values, factor, of_axis):
-        out = values * factor
+        flat = values.reshape(-1, values.shape[-1])
+        out = flat * factor
         for part, axis in self._axes:
-            here = values[..., part]
-            out[..., part] = of_axis(axis, here.reshape(-1, here.shape[-1])).reshape(here.shape)
-        return out
+            some = flat[:, part].any(axis=1)  # most effects are of one axis
+            some = slice(None) if some.all() else np.flatnonzero(some)
+            out[some, part] = of_axis(axis, flat[some, part])
+        return out.reshape(values.shape)
 
     @property
     def log_det(self):
@@ -247,6 +249,7 @@ class AxisRows:
         self.all = len(root)
         keep = root[sequence.order] > 0.0
         self.rows = sequence.order[keep]
+        self._as_they_stand = np.array_equal(self.rows, np.arange(self.all))
         # over rows that are left out the gaps add up
         since = np.cumsum(np.where(np.isfinite(sequence.gap), sequence.gap, 0.0))[keep]
         self.gap = np.diff(since, prepend=-np.inf)
@@ -262,16 +265,20 @@ class AxisRows:
         # (of either sign: beyond the pole an angle moves a star the other way)
         self.log_scale = 2.0 * float(np.log(np.abs(self._scale)).sum())
 
+    def of(self, values):
+        """Values (k, n) of all rows -> (k, m) of these."""
+        return values if self._as_they_stand else values.take(self.rows, axis=1)
+
     def scaled(self, values):
-        """Values (k, n) of all rows -> (m, k) of these."""
-        return (values[:, self.rows] * self._scale).T
+        """Values (k, n) of all rows -> (k, m) of these, in units of the process."""
+        return self.of(values) * self._scale
 
     def whitened_by(self, columns, memories, variances, white):
         """Columns as `scaled` gives them, whitened by several noises.
 
         Parameters
         ----------
-        columns : ndarray, shape (m, k)
+        columns : ndarray, shape (k, m)
         memories, variances : ndarray, shape (t,)
             Of the process of each noise.
         white : ndarray, shape (t,)
@@ -279,27 +286,29 @@ class AxisRows:
 
         Returns
         -------
-        columns : ndarray, shape (t, m, k)
+        columns : ndarray, shape (k, t, m)
         log_det : ndarray, shape (t,)
             Of the covariance of the rows.
         """
         # the noises are as runs one after the other, that know nothing of each other
-        tries, n = len(memories), len(columns)
+        tries, n = len(memories), columns.shape[1]
         phi = np.exp(-self.gap / np.asarray(memories)[:, None]).ravel()
         diagonal, lower = _factored(phi, np.outer(np.square(white), self.white).ravel(),
                                     np.repeat(variances, n))
-        out = _solved(phi, np.sqrt(diagonal)[:, None], lower, np.tile(columns, (tries, 1)))
-        return (out.reshape(tries, n, -1),
+        out = _solved(phi, np.sqrt(diagonal), lower, np.tile(columns, tries))
+        return (out.reshape(-1, tries, n),
                 np.log(diagonal).reshape(tries, n).sum(axis=1) - self.log_scale)
 
-    def unscaled(self, columns):
-        """Values (m, k) of these rows as on the sky."""
-        return columns / self._scale[:, None]
+    def unscaled(self, values):
+        """Values (k, m) of these rows as on the sky."""
+        return values / self._scale
 
-    def placed(self, columns):
-        """Columns (m, k) of these rows -> (k, n) of all."""
-        out = np.zeros((columns.shape[1], self.all))
-        out[:, self.rows] = columns.T
+    def placed(self, values):
+        """Values (k, m) of these rows -> (k, n) of all."""
+        if self._as_they_stand:
+            return values
+        out = np.zeros((len(values), self.all))
+        out[:, self.rows] = values
         return out
 
 
@@ -309,7 +318,7 @@ class _Differences:
     def __init__(self, rows, noise):
         self._rows, self._phi = rows, np.exp(-rows.gap / noise.memory)
         diagonal, self._lower = _factored(self._phi, rows.white, noise.variance)
-        self._root = np.sqrt(diagonal)[:, None]
+        self._root = np.sqrt(diagonal)
         #: of the covariance of the rows with weight
         self.log_det = float(np.log(diagonal).sum()) - rows.log_scale
 
@@ -320,28 +329,23 @@ class _Differences:
 
     def spread(self, values):
         """Inverse of the transposed whitening."""
-        u = _bidiagonal(self._band, self._rows.unscaled(values[:, self._rows.rows].T), 'T')
-        u = np.append(u[:-1] + self._lower[:, None] * u[1:], u[-1:], axis=0)
+        u = _bidiagonal(-self._phi[1:], self._rows.unscaled(self._rows.of(values)), 'T')
+        u[:, :-1] += self._lower * u[:, 1:]
         return self._rows.placed(u * self._root)
 
     def process(self, values):
         """The process in values, its mean as they tell it: they less their white part."""
-        rows = self._rows
-        u = _solved(self._phi, self._root, self._lower, rows.scaled(values)) / self._root
-        u = _bidiagonal(np.vstack((np.ones(len(u)), np.append(self._lower, 0.0))), u, 'T')
-        u[:-1] -= self._phi[1:, None] * u[1:]
-        return rows.placed(rows.unscaled(rows.scaled(values) - rows.white[:, None] * u))
+        rows, scaled = self._rows, self._rows.scaled(values)
+        u = _solved(self._phi, self._root, self._lower, scaled.copy()) / self._root
+        u = _bidiagonal(self._lower, u, 'T')
+        u[:, :-1] -= self._phi[1:] * u[:, 1:]
+        return rows.placed(rows.unscaled(scaled - rows.white * u))
 
     def coloured(self, values):
         """Inverse of the whitening."""
-        noise = values[:, self._rows.rows].T * self._root
-        noise = np.append(noise[:1], noise[1:] + self._lower[:, None] * noise[:-1], axis=0)
-        return self._rows.placed(self._rows.unscaled(_bidiagonal(self._band, noise)))
-
-    @property
-    def _band(self):
-        """Of the differences."""
-        return np.vstack((np.ones(len(self._phi)), np.append(-self._phi[1:], 0.0)))
+        noise = self._rows.of(values) * self._root
+        noise[:, 1:] += self._lower * noise[:, :-1]
+        return self._rows.placed(self._rows.unscaled(_bidiagonal(-self._phi[1:], noise)))
 
 
 def _factored(phi, white, variance):
@@ -357,19 +361,21 @@ def _factored(phi, white, variance):
     return d, lower
 
 
-def _bidiagonal(band, columns, trans='N'):
-    """Solution with a unit lower bidiagonal matrix; (m, k)."""
-    if not columns.size:  # LAPACK's routine writes beyond an empty array
-        return columns
+def _bidiagonal(lower, values, trans='N'):
+    """Solution with a unit lower bidiagonal matrix; values (k, m) are overwritten."""
+    if not values.size:  # LAPACK's routine writes beyond an empty array
+        return values
     from scipy.linalg.lapack import dtbtrs
-    return dtbtrs(band, columns, uplo='L', trans=trans, diag='U')[0]
+    band = np.vstack((np.ones(len(lower) + 1), np.append(lower, 0.0)))
+    return dtbtrs(band, values.T, uplo='L', trans=trans, diag='U', overwrite_b=1)[0].T
 
 
-def _solved(phi, root, lower, columns):
-    """Columns (m, k) of scaled rows, whitened; `root` (m, 1) of the diagonal."""
-    columns = columns - np.concatenate((np.zeros_like(columns[:1]),
-                                        phi[1:, None] * columns[:-1]))
-    return _bidiagonal(np.vstack((np.ones(len(phi)), np.append(lower, 0.0))), columns) / root
+def _solved(phi, root, lower, values):
+    """Values (k, m) of scaled rows, whitened; `root` (m,) of the diagonal; they are overwritten."""
+    values[:, 1:] -= phi[1:] * values[:, :-1]
+    values = _bidiagonal(lower, values)
+    values /= root
+    return values
 
 
 def noise_memory(sequence, root, scale, columns, b):
@@ -463,12 +469,12 @@ class AxisLikelihood:
         self._scaled, self._scale, self._own = scaled, scale[axis], len(own)
         self._rows = AxisRows(root[part], sequence, scaled)
         self._columns = self._rows.scaled(np.vstack((own, rows, b[part])))
-        self.few = len(self._columns) < len(rows) + len(own) * len(self._rows.starts) + 3
+        self.few = len(self._rows.rows) < len(rows) + len(own) * len(self._rows.starts) + 3
         if not self.few:
             white = self._rows.white
             self.typical = float(np.median(white))
-            self._none = float(self._of(self._columns / np.sqrt(white)[:, None], np.log(
-                white).sum() - self._rows.log_scale, 1)[0][0])
+            self._none = float(self._of((self._columns / np.sqrt(white))[:, None], np.log(
+                white).sum() - self._rows.log_scale)[0][0])
 
     def climb(self, memories, sizes, best):
         """The best of a grid, and then of a finer one about it."""
@@ -488,23 +494,24 @@ class AxisLikelihood:
             memory, size = memories[i:i + step], np.multiply(sizes[i:i + step], self.typical)
             white, log_det = self._rows.whitened_by(self._columns, memory, size,
                                                     np.ones(len(memory)))
-            found = self._of(white.reshape(-1, white.shape[2]), log_det, len(memory))
+            found = self._of(white, log_det)
             out += [AxisNoise(float(s * variance), float(m), self._scaled,
                               self._scale * float(np.sqrt(variance)), float(self._none - value))
                     for m, s, value, variance in zip(memory, size, *found)]
         return out
 
-    def _of(self, white, log_det, tries):
+    def _of(self, white, log_det):
         """-2 ln L restricted (but for a constant) of each try, and the variance of its rows.
 
-        What each run fits for itself comes first in the columns: no row of one run has to do with
-        those of another, so it is taken out run by run.
+        Of columns, shape (k, t, m). What each run fits for itself comes first in them: no row of
+        one run has to do with those of another, so it is taken out run by run.
         """
         taken, fitted = 0, 0.0
         if self._own:
-            n = len(white) // tries
+            _, tries, n = white.shape
             starts = (self._rows.starts + n * np.arange(tries)[:, None]).ravel()
-            own, rest = white[:, :self._own], white[:, self._own:]
+            rows = np.ascontiguousarray(white.reshape(len(white), -1).T)
+            own, rest = rows[:, :self._own], rows[:, self._own:]
             gram = np.add.reduceat(own[:, :, None] * own[:, None, :], starts)
             values, vectors = np.linalg.eigh(gram)
             live = values > EIGEN * np.maximum(values[:, -1:], 1e-300)
@@ -513,9 +520,10 @@ class AxisLikelihood:
                 own[:, :, None] * rest[:, None, :], starts))
             taken = live.reshape(tries, -1).sum(axis=1)
             fitted = np.log(np.where(live, values, 1.0)).reshape(tries, -1).sum(axis=1)
-            white = rest - np.einsum('nj,njk->nk', own,
-                                     np.repeat(p, np.tile(self._rows.lengths, tries), axis=0))
-        return restricted(white.reshape(tries, -1, white.shape[1]), log_det + fitted, taken)
+            rest = rest - np.einsum('nj,njk->nk', own,
+                                    np.repeat(p, np.tile(self._rows.lengths, tries), axis=0))
+            white = rest.T.reshape(-1, tries, n)
+        return restricted(white.transpose(1, 0, 2), log_det + fitted, taken)
 
 
 def restricted(columns, log_det, taken=0):
@@ -523,7 +531,7 @@ def restricted(columns, log_det, taken=0):
 
     Parameters
     ----------
-    columns : ndarray, shape (..., n, k + 1)
+    columns : ndarray, shape (..., k + 1, n)
         Whitened: the design, of which no column depends on others, and behind it what it is
         fitted to.
     log_det : float or ndarray, shape (...)
@@ -537,14 +545,14 @@ def restricted(columns, log_det, taken=0):
         But for a constant.
     variance : ndarray, shape (...)
     """
-    n, k = columns.shape[-2], columns.shape[-1] - 1
-    length = np.sqrt(np.einsum('...ij,...ij->...j', columns, columns))
+    n, k = columns.shape[-1], columns.shape[-2] - 1
+    gram = columns @ np.swapaxes(columns, -1, -2)
+    length = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
     length = np.where(length > 0.0, length, 1.0)
-    unit = columns / length[..., None, :]
     try:
-        root = np.linalg.cholesky(np.swapaxes(unit, -1, -2) @ unit)
+        root = np.linalg.cholesky(gram / (length[..., None] * length[..., None, :]))
     except np.linalg.LinAlgError:  # rounding; of the columns themselves it takes six times as long
-        root = np.linalg.qr(unit, mode='r')
+        root = np.linalg.qr(np.swapaxes(columns / length[..., None], -1, -2), mode='r')
     diagonal = np.abs(np.diagonal(root, axis1=-2, axis2=-1)) * length
     free = np.maximum(n - taken - k, 1)
     variance = np.maximum(np.square(diagonal[..., -1]) / free, 1e-300)

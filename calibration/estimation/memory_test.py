@@ -272,12 +272,12 @@ class _Products(NamedTuple):
 
 
 def _products(rows, columns, noises, bank, k):
-    """`_Products` of columns (n, k + ... + m), scaled rows of an axis."""
+    """`_Products` of columns (k + ... + m, n), scaled rows of an axis."""
     parts, count = [], len(bank.columns)
     step = max(1, AT_ONCE // max(columns.size, 1))
     for i in range(0, len(noises), step):
         white, log_det = rows.whitened_by(columns, *noises[i:i + step].T)
-        white = white.transpose(0, 2, 1)
+        white = white.transpose(1, 0, 2)
         design, groups, values = white[:, :k], white[:, k:k + count], white[:, k + count:]
         across = groups @ np.concatenate((design, values), axis=1).transpose(0, 2, 1)
         parts.append((
