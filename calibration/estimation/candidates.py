@@ -16,6 +16,7 @@
 
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from msg_tools.units import ARCSEC
 
 from .linear_model import DISTINCT, LIVE
 
+#: 2 ln L by which equals may differ: two names of one curve, by rounding
+TIE = 1e-6
 #: standard errors within which a fitted size agrees with one that physics fixes
 AGREES = 3.0
 #: bytes of columns that are at work at a time, and groups of which they are at least
@@ -163,6 +166,7 @@ class CandidateBank:
         """Put another effect with as many columns, shape (d, 2n), in the place of group `g`."""
         self.effects = [*self.effects[:g], effect, *self.effects[g + 1:]]
         self.of(g)[:] = columns
+        self.__dict__.pop('_of_axes', None)
 
     def only(self, groups):
         """The bank of some groups (indices), numbered anew."""
@@ -176,6 +180,16 @@ class CandidateBank:
         out = copy(self)  # what the effects are called is the same
         out.columns = self.columns[:, np.concatenate((index, index + n))]
         return out
+
+    @cached_property
+    def _of_axes(self):
+        """Of each group whether it has anything on x, and on y, shape (2, G): most have one."""
+        some = self.columns.reshape(len(self.columns), 2, -1).any(axis=2)
+        return np.logical_or.reduceat(some, self.starts, axis=0).T
+
+    def on_axis(self, axis):
+        """Columns of the groups that have anything on x (0) or y (1), ascending."""
+        return np.flatnonzero(np.repeat(self._of_axes[axis], np.diff(self._start)))
 
     def by_size(self, groups=None):
         """Of each number of columns: the groups that have so many, (G_d,), and where, (G_d, d).
@@ -235,29 +249,35 @@ class CandidateBank:
         return fit.known[self]
 
     def _scored(self, fit, groups):
-        n, size = fit.n, len(self.effects)
+        size = len(self.effects)
         dof, dbic = np.zeros(size, int), np.full(size, -np.inf)
         live = max(np.count_nonzero(fit.weights > LIVE), 2)
         model = np.vstack((fit.basis.common, fit.residual))
-        axes = [(part, model[:, part].T, model[:-1, part] @ model[:, part].T)
-                for part in (slice(0, n), slice(n, None))]
-        rss = [np.square(fit.residual[None, part]).sum(axis=1) + 1e-30 for part, *_ in axes]
+        model = model.reshape(len(model), 2, -1).transpose(1, 0, 2)
+        within = [of[:-1] @ of.T for of in model]
+        rss = [np.square(of[-1:]).sum(axis=1) + 1e-30 for of in model]
         for block in self._blocks(groups):
             first = self._start[block[0]]
-            white = fit.noise.whiten(self.columns[first:self._start[block[-1] + 1]])
-            length = np.sqrt(np.einsum('ij,ij->i', white, white))
-            white = fit.basis.off_groups(white)
-            with_model = [white[:, part] @ rows for part, rows, _ in axes]
-            onto = sum(with_model)[:, :-1]
-            modelled = [onto @ within for *_, within in axes]
+            length, squares, white = self._white(fit, block)
+            with_model = np.zeros((2, len(length), model.shape[1]))
+            for axis, (some, of) in enumerate(white):
+                with_model[axis, some] = of @ model[axis].T
+            onto = with_model.sum(axis=0)[:, :-1]
             for groups, places in self.by_size(block):
                 at, across = places - first, []
-                rows, onto_model = white[at], onto[at].transpose(0, 2, 1)
-                for (part, *_), one, both in zip(axes, with_model, modelled):
-                    of, one, both = rows[..., part], one[at], both[at]
+                onto_model = onto[at].transpose(0, 2, 1)
+                for (some, of), square, with_one, one_within in zip(
+                        white, squares, with_model, within):
+                    own = square[at][..., None]
+                    if at.shape[1] > 1:
+                        own = own * np.eye(at.shape[1])
+                        here = np.flatnonzero(own.any(axis=(1, 2)))
+                        rows = of[np.searchsorted(some, at[here])]
+                        own[here] = rows @ rows.transpose(0, 2, 1)
+                    both = onto[at] @ one_within
+                    one = with_one[at]
                     shared = (one - 0.5 * both)[..., :-1] @ onto_model
-                    across.append((np.einsum('gdi,gei->gde', of, of)
-                                   - shared - shared.transpose(0, 2, 1),
+                    across.append((own - shared - shared.transpose(0, 2, 1),
                                    (one - both)[..., -1:]))
                 left, dof[groups] = reduced_squares(rss, across, length[at])
                 ratios = [np.maximum(one[:, 0] / all_, 1e-12) for one, all_ in zip(left, rss)]
@@ -268,6 +288,36 @@ class CandidateBank:
             if dof[g] and not agrees(self.effects[g].size, *self._fitted(g, fit)):
                 dbic[g] = -np.inf
         return Scores(dof, dbic, self, fit)
+
+    def _white(self, fit, groups):
+        """Columns of groups that follow one another (k of them), whitened, beyond those of runs.
+
+        Returns
+        -------
+        length : ndarray, shape (k,)
+            Before what runs have of their own was taken off.
+        squares : ndarray, shape (2, k)
+            Sums of x and of y, without that.
+        axes : list of (ndarray of int, ndarray of shape (m, n))
+            Of x and y: which have anything there, and these.
+        """
+        columns = self.columns[self._start[groups[0]]:self._start[groups[-1] + 1]]
+        sizes = np.diff(self._start[groups[0]:groups[-1] + 2])
+        of_axes, length = self._of_axes[:, groups[0]:groups[-1] + 1], None
+        if fit.basis.groups.groups:
+            columns = fit.noise.whiten(columns)
+            length = np.sqrt(np.einsum('ij,ij->i', columns, columns))
+            fit.basis.off_groups(columns)  # it goes from axis to axis
+            of_axes = np.ones_like(of_axes)
+        axes, squares = [], np.zeros((2, len(columns)))
+        for axis, of in enumerate(of_axes):
+            some = np.flatnonzero(np.repeat(of, sizes))
+            white = columns[some, axis * fit.n:(axis + 1) * fit.n]
+            if length is None:
+                white = fit.noise.whiten_axis(axis, white)
+            squares[axis, some] = np.einsum('ij,ij->i', white, white)
+            axes.append((some, white))
+        return np.sqrt(squares.sum(axis=0)) if length is None else length, squares, axes
 
     def _fitted(self, g, fit):
         """Coefficients of a group beside the model, and their covariance, radians."""
@@ -353,5 +403,10 @@ def best_of(scores, excluded=()):
     """Group with the largest gain but for some, and the gain; (-1, -inf) where there is none."""
     dbic = scores.delta_bic.copy()
     dbic[list(excluded)] = -np.inf
-    g = int(np.argmax(dbic)) if len(dbic) else -1
+    g = largest(dbic) if len(dbic) else -1
     return (g, float(dbic[g])) if g >= 0 else (-1, -np.inf)
+
+
+def largest(values):
+    """Place of the largest value: of equals, which rounding would tell apart, the first."""
+    return int(np.flatnonzero(values >= values.max() - TIE)[0])

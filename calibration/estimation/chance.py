@@ -333,6 +333,13 @@ class Chance:
         alpha : float, optional
             Stop when the share is certain to be above.
         """
+        # a search comes back to the same fits
+        key = self, scores.bank, group, float(scores.delta_bic[group]), alpha
+        if key not in fit.known:
+            fit.known[key] = self._p(fit, scores, group, alpha)
+        return fit.known[key]
+
+    def _p(self, fit, scores, group, alpha):
         bank = scores.bank
         by_chance = bank.by_chance.get(bank.effects[group].share)
         if self.of_part and by_chance is not None:

@@ -135,6 +135,11 @@ class WhiteNoise:
         """Whitened values, shape (..., 2n)."""
         return values * self.root
 
+    def whiten_axis(self, axis, values):
+        """Whitened values of x (0) or y (1), shape (m, n)."""
+        n = values.shape[1]
+        return values * self.root[axis * n:(axis + 1) * n]
+
     def spread(self, values):
         """`values` (..., 2n) such that their squares sum to the variance of values @ noise."""
         return values * _sigma(self.root)
@@ -176,6 +181,15 @@ class CorrelatedNoise:
     def whiten(self, values):
         """Whitened values, shape (..., 2n): of rows set aside 0."""
         return self._each(values, self.root, _Differences.whitened)
+
+    def whiten_axis(self, axis, values):
+        """As `WhiteNoise.whiten_axis`."""
+        n = values.shape[1]
+        part = slice(axis * n, (axis + 1) * n)
+        for other, of in self._axes:
+            if other == part:
+                return of.whitened(values)
+        return values * self.root[part]
 
     def spread(self, values):
         """As `WhiteNoise.spread`."""

@@ -31,6 +31,8 @@ from .correlated_noise import EIGEN, CorrelatedNoise, WhiteNoise
 _SURE = 1e-3
 #: of a common column, what must remain beyond those of the groups: below it, it may be rounding
 _LEAST = 1e-5
+#: eigenvalue of a normal matrix of unit columns above which Cholesky's factor is as good
+_CLEAR = 1e-6
 
 
 def orthonormal(rows):
@@ -68,7 +70,16 @@ def inverse_root(normal, least=EIGEN):
     """
     length = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
     length = np.where(length > 0.0, length, 1.0)
-    values, vectors = np.linalg.eigh(normal / (length[..., None] * length[..., None, :]))
+    unit = normal / (length[..., None] * length[..., None, :])
+    try:
+        root = np.swapaxes(np.linalg.inv(np.linalg.cholesky(unit)), -1, -2)
+        # the trace of the inverse is never below 1 / the least eigenvalue, the largest at most k
+        trace = np.square(root).sum(axis=(-2, -1)).max(initial=0.0)
+        if unit.shape[-1] * trace < 1.0 / max(least, _CLEAR):
+            return root / length[..., None]
+    except np.linalg.LinAlgError:
+        pass
+    values, vectors = np.linalg.eigh(unit)
     keep = values > least * np.maximum(values[..., -1:], 1e-300)
     return vectors * np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)[
         ..., None, :] / length[..., None]

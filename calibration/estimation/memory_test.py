@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .candidates import reduced_squares
+from .candidates import largest, reduced_squares
 from .correlated_noise import AT_ONCE, AxisRows, CorrelatedNoise
 from .group_columns import inverse_root
 
@@ -152,7 +152,7 @@ class MemoryTest:
         some = np.setdiff1d(self._groups, without)
         likely = np.sort(some[np.argsort(-gains[some], kind='stable')[:_LIKELY]])
         ratios = self._ratios(self._bank.only(likely), self._problem.b[None])[0]
-        place = int(np.argmax(ratios))
+        place = largest(ratios)
         return int(likely[place]), float(ratios[place])
 
     @property
@@ -182,7 +182,7 @@ class MemoryTest:
             part = slice(axis * n, (axis + 1) * n)
             rows = AxisRows(self._plain.noise.root[part], self._problem.sequence,
                             self._memory[axis].scaled)
-            axes.append(_products(rows, rows.scaled(columns[:, part]), noises, bank,
+            axes.append(_products(rows, rows.scaled(columns[:, part]), noises, bank, axis,
                                   len(self._design)))
         live = np.count_nonzero(self._plain.noise.root[:n])
         without, with_it = -np.inf, -np.inf
@@ -271,21 +271,28 @@ class _Products(NamedTuple):
                          [(which, *(of[noises] for of in some)) for which, *some in self.groups])
 
 
-def _products(rows, columns, noises, bank, k):
+def _products(rows, columns, noises, bank, axis, k):
     """`_Products` of columns (k + ... + m, n), scaled rows of an axis."""
     parts, count = [], len(bank.columns)
+    some = bank.on_axis(axis)
+    places = np.full(count, -1)
+    places[some] = np.arange(len(some))
+    columns = np.concatenate((columns[:k], columns[k:k + count][some], columns[k + count:]))
     step = max(1, AT_ONCE // max(columns.size, 1))
     for i in range(0, len(noises), step):
         white, log_det = rows.whitened_by(columns, *noises[i:i + step].T)
         white = white.transpose(1, 0, 2)
-        design, groups, values = white[:, :k], white[:, k:k + count], white[:, k + count:]
-        across = groups @ np.concatenate((design, values), axis=1).transpose(0, 2, 1)
-        parts.append((
-            log_det, design @ design.transpose(0, 2, 1), design @ values.transpose(0, 2, 1),
-            np.square(values).sum(axis=2), *(
-                one for _, at in bank.by_size()
-                for one in (groups[:, at] @ groups[:, at].transpose(0, 1, 3, 2),
-                            across[:, at, :k], across[:, at, k:]))))
+        design, groups, values = np.split(white, [k, k + len(some)], axis=1)
+        across = np.zeros((len(white), count, k + values.shape[1]))
+        across[:, some] = groups @ np.concatenate((design, values), axis=1).transpose(0, 2, 1)
+        parts.append([log_det, design @ design.transpose(0, 2, 1),
+                      design @ values.transpose(0, 2, 1), np.square(values).sum(axis=2)])
+        for _, at in bank.by_size():
+            own = np.zeros((len(white), *at.shape, at.shape[1]))
+            here = np.flatnonzero(places[at[:, 0]] >= 0)
+            of = groups[:, places[at[here]]]
+            own[:, here] = of @ of.transpose(0, 1, 3, 2)
+            parts[-1] += [own, across[:, at, :k], across[:, at, k:]]
     parts = [np.concatenate(part) for part in zip(*parts)]
     return _Products(*parts[:4], [(which, *parts[4 + 3 * j:7 + 3 * j])
                                   for j, (which, _) in enumerate(bank.by_size())])
@@ -303,14 +310,15 @@ def _likelihoods(pair, live):
     """
     x, y = pair
     root = inverse_root(x.design + y.design)
-    p = root @ (root.transpose(0, 2, 1) @ (x.design_values + y.design_values))
+    inverse = root @ root.transpose(0, 2, 1)
+    p = inverse @ (x.design_values + y.design_values)
     left = [of.design_values - of.design @ p for of in pair]  # D r
     squares = [of.values - (p * (of.design_values + rest)).sum(axis=1)
                for of, rest in zip(pair, left)]
     log_det = (x.log_det + y.log_det)[:, None]
     out = np.empty((*squares[0].shape, sum(len(which) for which, *_ in x.groups)))
     for (which, *gx), (_, *gy) in zip(x.groups, y.groups):
-        onto = (gx[1] + gy[1]) @ root[:, None] @ root.transpose(0, 2, 1)[:, None]
+        onto = (gx[1] + gy[1]) @ inverse[:, None]
         across = []  # of what the design leaves of each group: with itself, and with r
         for of, (own, design, values), rest in zip(pair, (gx, gy), left):
             shared = design @ onto.transpose(0, 1, 3, 2)

@@ -389,7 +389,7 @@ def settled(problem, choice, alpha, chance, partitions):
     ModelChoice
     """
     while True:
-        choice.significances = [significance(problem, choice, i, chance, alpha, chance.of_part)
+        choice.significances = [significance(problem, choice, i, chance, alpha, alone=True)
                                 for i in range(len(choice.chosen))]
         # an effect stays while it changes: in the middle of the night it may be small
         weak = [(s.p, i) for i, (c, s) in enumerate(zip(choice.chosen, choice.significances))
@@ -400,11 +400,15 @@ def settled(problem, choice, alpha, chance, partitions):
             choice.gains = list(np.min([_gains(problem, choice, folds) for folds in partitions],
                                        axis=0)) if partitions and choice.chosen else []
             if min(choice.gains, default=1.0) > 0.0:
-                return choice
+                break
             worst = int(np.argmin(choice.gains))
             choice.dropped_by_cv.append(choice.chosen[worst])
             choice.chosen = choice.without(worst)
         choice.fit = problem.plain.fit(choice.chosen)
+    if not chance.of_part:
+        choice.significances = [significance(problem, choice, i, chance, alpha)
+                                for i in range(len(choice.chosen))]
+    return choice
 
 
 def _gains(problem, choice, folds):
