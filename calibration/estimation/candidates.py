@@ -194,11 +194,13 @@ class CandidateBank:
     def by_size(self, groups=None):
         """Of each number of columns: the groups that have so many, (G_d,), and where, (G_d, d).
 
-        Of all, or of some `groups`.
+        Of all, or of some `groups`, an array.
         """
+        if groups is not None:
+            sizes = self._start[groups + 1] - self._start[groups]
         for d, which in self._by_size:
-            if groups is not None and len(groups) < len(self):
-                which = np.intersect1d(which, groups)
+            if groups is not None:
+                which = groups[sizes == d]
             if len(which):
                 yield which, self._start[which][:, None] + np.arange(d)
 

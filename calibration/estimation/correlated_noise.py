@@ -22,6 +22,7 @@ rows have a tridiagonal covariance: rows are whitened in O(n).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -78,6 +79,7 @@ class Sequence:
         ends = np.append(begins[1:], len(ordered)) - 1
         return float(np.max(ordered[ends] - ordered[begins]))
 
+    @cached_property
     def memories(self):
         """Correlation times to be tried, from the shortest gap that counts to far beyond the run.
 
@@ -411,7 +413,7 @@ def noise_memory(sequence, root, scale, columns, b):
     tuple of AxisNoise
         Of x and y.
     """
-    out, memories = [], sequence.memories()
+    out, memories = [], sequence.memories
     for axis in (0, 1):
         best = AxisNoise(scale=scale[axis])
         likelihood = AxisLikelihood(sequence, axis, False, root, scale, columns, b)
@@ -447,7 +449,7 @@ def likely_memories(sequence, root, memory, scale, columns, b):
     out = []
     for axis in (0, 1):
         likelihood = AxisLikelihood(sequence, axis, memory[axis].scaled, root, scale, columns, b)
-        tried = [] if likelihood.few else likelihood.at(*_grid(sequence.memories(), _FINER))
+        tried = [] if likelihood.few else likelihood.at(*_grid(sequence.memories, _FINER))
         every = [AxisNoise(scale=scale[axis]), *tried]
         gain = np.array([one.gain for one in every])
         chance = np.exp(0.5 * (gain - gain.max()))

@@ -32,7 +32,7 @@ _SURE = 1e-3
 #: of a common column, what must remain beyond those of the groups: below it, it may be rounding
 _LEAST = 1e-5
 #: eigenvalue of a normal matrix of unit columns above which Cholesky's factor is as good
-_CLEAR = 1e-6
+_CLEAR = 1e-8
 
 
 def orthonormal(rows):

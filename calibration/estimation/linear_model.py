@@ -26,7 +26,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.rms import sigma_of
 
 from .correlated_noise import CorrelatedNoise, WhiteNoise, noise_memory
-from .group_columns import Basis
+from .group_columns import Basis, GroupColumns, orthonormal
 from .least_squares import reweighted, weighted_solve
 from .robust import bisquare, hampel, huber
 
@@ -137,6 +137,9 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trus
     least = ARCSEC if inverse_sigma is None else 1.0  # the unit of the noise that is not zero
     last = bisquare if final else hampel
     steps = [None] + [huber] * 6 + [last] * 5 if weights is None else [last] * 4
+    # of columns that nearly depend on others each solution would look for those anew
+    if not columns.groups:
+        columns = GroupColumns.alone(orthonormal(columns.common))
     design, todo = columns if columns.groups else columns.common, iter(steps)
     w, scale = np.ones(n) if weights is None else weights, np.ones(2)
 

@@ -135,14 +135,18 @@ class MemoryTest:
         self._memory = problem.with_memory(self._plain, chosen).memory
         self._design = np.asarray(problem.design(chosen))
         self._noises, self._sets = _tried(problem.sequence, self._plain, self._memory)
+        self._known = {}  # ratios of groups
 
     def p(self, g):
         """Chance that noise makes any of the groups look as `g` does."""
-        ratio = self._ratios(self._problem.finer(g), self._problem.b[None]).max()
+        scanned, ratio = self._bank.effects[g].share == 'scans', self._known.get(g)
+        if scanned or ratio is None:
+            ratio = self._ratios(self._problem.finer(g), self._problem.b[None]).max()
+            self._known[g] = ratio
         if ratio < _LEAST_RATIO:
             return 1.0
         share = tail_share(self.by_chance, ratio)
-        if self._bank.effects[g].share == 'scans':
+        if scanned:
             return share
         # what goes with the clock is what such noise looks like most: on the safe side
         return min(_SAFE * share, 1.0)
@@ -152,6 +156,7 @@ class MemoryTest:
         some = np.setdiff1d(self._groups, without)
         likely = np.sort(some[np.argsort(-gains[some], kind='stable')[:_LIKELY]])
         ratios = self._ratios(self._bank.only(likely), self._problem.b[None])[0]
+        self._known.update(zip(likely.tolist(), ratios))
         place = largest(ratios)
         return int(likely[place]), float(ratios[place])
 
@@ -238,7 +243,7 @@ def _tried(sequence, plain, memory):
         estimate = (one.memory, one.variance, one.scale / plain.scale[axis])
         noises.append(np.array([
             estimate if one.variance > 0.0 else _WHITE, _WHITE,
-            *((tau, part * size, 1.0) for tau in sequence.memories()[1:] for part in _SIZES)]))
+            *((tau, part * size, 1.0) for tau in sequence.memories[1:] for part in _SIZES)]))
     x, y = (np.arange(1, len(of)) for of in noises)
     return noises, np.concatenate(([(0, 0), (1, 1)], np.column_stack((x, 0 * x)),
                                    np.column_stack((0 * y, y))))

@@ -352,10 +352,10 @@ def _replacements(problem, choice, without):
     for driver in {d for d, of in zip(drivers, free) if of}:
         keep = tuple(i for i, of in enumerate(free) if not of or drivers[i] != driver)
         fit = problem.fit([choice.chosen[i] for i in keep], choice.fit.weights)
-        scores = problem.curves.score(fit)
         same = np.array([e.driver == driver for e in problem.curves.effects])
         if not same.any():
             continue
+        scores = problem.curves.score(fit, np.flatnonzero(same))
         same[without] = False
         g, gain = best_of(scores, np.flatnonzero(~same))
         lost = _bic_between(fit, choice.fit) - sum(
@@ -389,13 +389,9 @@ def settled(problem, choice, alpha, chance, partitions):
     ModelChoice
     """
     while True:
-        choice.significances = [significance(problem, choice, i, chance, alpha, alone=True)
-                                for i in range(len(choice.chosen))]
-        # an effect stays while it changes: in the middle of the night it may be small
-        weak = [(s.p, i) for i, (c, s) in enumerate(zip(choice.chosen, choice.significances))
-                if (s.p > alpha or s.delta_bic <= 0.0) and not c.changes(choice.chosen)]
-        if weak:
-            choice.dropped.append(choice.chosen.pop(max(weak)[1]))
+        weakest = _weakest(problem, choice, alpha, chance)
+        if weakest is not None:
+            choice.dropped.append(choice.chosen.pop(weakest))
         else:
             choice.gains = list(np.min([_gains(problem, choice, folds) for folds in partitions],
                                        axis=0)) if partitions and choice.chosen else []
@@ -405,10 +401,24 @@ def settled(problem, choice, alpha, chance, partitions):
             choice.dropped_by_cv.append(choice.chosen[worst])
             choice.chosen = choice.without(worst)
         choice.fit = problem.plain.fit(choice.chosen)
-    if not chance.of_part:
-        choice.significances = [significance(problem, choice, i, chance, alpha)
-                                for i in range(len(choice.chosen))]
+    choice.significances = [significance(problem, choice, i, chance, alpha, chance.of_part)
+                            for i in range(len(choice.chosen))]
     return choice
+
+
+def _weakest(problem, choice, alpha, chance):
+    """Which of a choice does not hold beside the others, of several the likeliest by chance."""
+    weakest, most = None, -1.0
+    for i in reversed(range(len(choice.chosen))):
+        # an effect stays while it changes: in the middle of the night it may be small
+        if choice.chosen[i].changes(choice.chosen):
+            continue
+        stand = significance(problem, choice, i, chance, alpha, alone=True, below=most)
+        if (stand.p > alpha or stand.delta_bic <= 0.0) and stand.p > most:
+            weakest, most = i, stand.p
+            if most >= 1.0:
+                break
+    return weakest
 
 
 def _gains(problem, choice, folds):

@@ -77,7 +77,7 @@ class Significance:
     behind: dict = field(default_factory=dict)
 
 
-def significance(problem, choice, i, chance, alpha, alone=False):
+def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
     """Test one of a choice with the others in the model, and find what could stand in its place.
 
     What noise with memory can be mistaken for is tested against such noise.
@@ -93,6 +93,8 @@ def significance(problem, choice, i, chance, alpha, alone=False):
         A p that is certain to be above need not be known.
     alone : bool
         Whether it is not asked what could stand in its place.
+    below : float
+        A p that is certain to be no larger need not be known.
 
     Returns
     -------
@@ -110,7 +112,7 @@ def significance(problem, choice, i, chance, alpha, alone=False):
     groups = [g] if alone else bank.rivals(g) if chosen[i].period else None
     scores = bank.score(fit, groups)
     p = chance.p(fit, scores, g, alpha) if scores.dof[g] else 1.0
-    if masked and p > alpha and scores.dof[g]:
+    if masked and p > max(alpha, below) and scores.dof[g]:
         others = [c for j, c in enumerate(chosen) if j != i]
         p = min(p, chance.p_beyond_memory(problem, others, bank, np.flatnonzero(mask.groups), g))
         # what memory is left is known with the group in the model
