@@ -120,11 +120,13 @@ class WaveScan:
 
     def waves(self, rates, shift):
         """Values cos(rate angle - shift) x factor, shape (k, 2n)."""
-        phase = np.multiply.outer(rates, np.nan_to_num(self.angle))
-        wave = np.cos(phase - shift[:, None]) * np.isfinite(self.angle)
-        out = np.empty((len(rates), len(self.factor)))
+        wave = np.multiply.outer(rates, np.nan_to_num(self.angle))
+        wave -= shift[:, None]
+        np.cos(wave, out=wave)
+        out, known = np.zeros((len(rates), len(self.factor))), np.isfinite(self.angle)
         for part in (slice(0, len(self.angle)), slice(len(self.angle), None)):
-            out[:, part] = wave * self.factor[part] if self.factor[part].any() else 0.0
+            if self.factor[part].any():
+                np.multiply(wave, self.factor[part] * known, out=out[:, part])
         return out
 
 
