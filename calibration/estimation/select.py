@@ -374,7 +374,7 @@ def _bic_between(small, large):
     return float(n * np.log(rss[0] / rss[1]).sum())
 
 
-def settled(problem, choice, alpha, chance, partitions):
+def settled(problem, choice, alpha, chance, partitions, alone=False):
     """Test each of a choice with all others in the model, and drop until all of them hold.
 
     Parameters
@@ -383,6 +383,8 @@ def settled(problem, choice, alpha, chance, partitions):
         As of `choose`.
     choice : ModelChoice
         Is changed.
+    alone : bool
+        Whether it is not asked what could stand in the place of each; of a part it never is.
 
     Returns
     -------
@@ -401,9 +403,14 @@ def settled(problem, choice, alpha, chance, partitions):
             choice.dropped_by_cv.append(choice.chosen[worst])
             choice.chosen = choice.without(worst)
         choice.fit = problem.plain.fit(choice.chosen)
-    choice.significances = [significance(problem, choice, i, chance, alpha, chance.of_part)
-                            for i in range(len(choice.chosen))]
+    choice.significances = significances(problem, choice, alpha, chance, alone or chance.of_part)
     return choice
+
+
+def significances(problem, choice, alpha, chance, alone=False):
+    """`Significance` of each of a choice; parameters as of `settled`."""
+    return [significance(problem, choice, i, chance, alpha, alone)
+            for i in range(len(choice.chosen))]
 
 
 def _weakest(problem, choice, alpha, chance):
@@ -413,9 +420,9 @@ def _weakest(problem, choice, alpha, chance):
         # an effect stays while it changes: in the middle of the night it may be small
         if choice.chosen[i].changes(choice.chosen):
             continue
-        stand = significance(problem, choice, i, chance, alpha, alone=True, below=most)
-        if (stand.p > alpha or stand.delta_bic <= 0.0) and stand.p > most:
-            weakest, most = i, stand.p
+        one = significance(problem, choice, i, chance, alpha, alone=True, below=most)
+        if (one.p > alpha or one.delta_bic <= 0.0) and one.p > most:
+            weakest, most = i, one.p
             if most >= 1.0:
                 break
     return weakest

@@ -25,8 +25,8 @@ from .group_columns import GroupColumns
 from .linear_model import memory_of, weighted_fit, with_memory
 from .periodogram import PeriodBank
 
-#: fits that are kept: a search comes back to the ones before
-_KEPT = 64
+#: fits that are kept, at least, and numbers in their residuals: searches come back to those before
+_KEPT, _KEPT_NUMBERS = 64, 200_000
 
 
 @dataclass
@@ -136,7 +136,7 @@ class SelectionProblem:
         data = self.base, self.b, self.dictionary
         fit, of = self._fits.get(key, (None, data))
         if fit is None or any(a is not b for a, b in zip(of, data)):
-            if len(self._fits) >= _KEPT:
+            if len(self._fits) >= max(_KEPT, _KEPT_NUMBERS // len(self.b)):
                 del self._fits[next(iter(self._fits))]
             fit = weighted_fit(self.design(chosen, without), self.b, self.inverse_sigma, weights,
                                final, None if final else self.trusted)

@@ -31,7 +31,7 @@ import numpy as np
 from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.linear_model import LIVE
-from calibration.estimation.select import affordable, choose, search, settled
+from calibration.estimation.select import affordable, choose, search, settled, significances
 from calibration.estimation.significance import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word
@@ -138,6 +138,7 @@ def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacin
                 for model in tried if model is not best]
         own, dropped, choice = choice.chosen[i], choice.dropped_by_cv, best.choice
         choice.replaced = own, best.one
+        choice.significances = significances(problem, choice, alpha, chance)
         choice.dropped_by_cv = list(dict.fromkeys(dropped + choice.dropped_by_cv))
         _take_in(choice, choice.chosen.index(best.one), rest)
         break
@@ -205,7 +206,7 @@ def _tried(problem, choice, i, g, near, alpha, chance, partitions):
         return None
     model = search(problem, alpha, chance, out, first=(other,))
     for folds in ((), partitions) if partitions else ((),):  # rows left out take the longest
-        settled(problem, model, alpha, chance, folds)
+        settled(problem, model, alpha, chance, folds, alone=True)
         if other not in model.chosen:
             return None
         distance = bic_behind(problem, choice, model)
