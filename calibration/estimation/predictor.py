@@ -20,6 +20,7 @@ standard errors. What rows left out show is also how large the standard error of
 """
 
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -314,15 +315,17 @@ def _shares(left):
     """Shares, not negative and of sum 1, of ways whose mixture leaves least (Breiman 1996,
     Machine Learning 24, 49).
     """
-    from scipy.optimize import nnls
     left = np.array([one.ravel() for one in left])
     squares = left @ left.T
     squares[np.diag_indices(len(left))] += _ALIKE * squares.diagonal().min()
-    size = max(float(np.trace(squares)), 1e-300)
-    root = np.linalg.cholesky(squares / size + 1e-9 * np.eye(len(left))).T
-    one = 1e3
-    shares, _ = nnls(np.vstack((root, np.full(len(left), one))),
-                     np.append(np.zeros(len(left)), one))
+    squares = squares / max(float(np.trace(squares)), 1e-300) + 1e-9 * np.eye(len(left))
+    shares, most = np.zeros(len(left)), 0.0
+    # they are few: of all sets of them the best whose shares are not negative
+    for some in map(np.flatnonzero, product((False, True), repeat=len(left))):
+        found = np.linalg.solve(squares[np.ix_(some, some)], np.ones(len(some)))
+        if len(some) and found.min() >= 0.0 and found.sum() > most:
+            shares, most = np.zeros(len(left)), found.sum()
+            shares[some] = found / most
     shares[shares < 0.02] = 0.0  # of no use to anybody
     return shares / shares.sum()
 

@@ -172,13 +172,14 @@ def _masked(problem, choice, bank, mask, g, alpha, chance):
     """Groups that noise with memory explains as well as chance: `g` and all weaker, or none."""
     if not mask.covers(g):
         return ()
-    if mask.scores.dof[g] == 0:
+    scores = bank.score(mask.fit, [g])
+    if scores.dof[g] == 0:
         return (g,)
-    if _beyond(chance, mask.fit, mask.scores, g, alpha) or chance.p_beyond_memory(
+    if _beyond(chance, mask.fit, scores, g, alpha) or chance.p_beyond_memory(
             problem, choice.chosen, bank, np.flatnonzero(mask.groups),
             g) <= alpha * MEMORY_SHARE:
         return ()
-    z = ChanceTest(mask.fit, mask.scores, g, np.flatnonzero(mask.groups)).all
+    z = ChanceTest(mask.fit, scores, g, np.flatnonzero(mask.groups)).all
     return np.flatnonzero(mask.groups & (z <= z[g]))
 
 
