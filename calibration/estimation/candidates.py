@@ -205,10 +205,12 @@ class CandidateBank:
                 yield which, self._start[which][:, None] + np.arange(d)
 
     def _blocks(self, groups=None):
-        """Groups, all or some, so many at a time that their columns stay near the processor."""
-        groups = np.arange(len(self)) if groups is None else np.unique(groups)
-        step = max(_FEW, _NEAR // max(self.columns[:1].nbytes, 1))
-        return np.split(groups, range(step, len(groups), step)) if len(groups) else ()
+        """Groups, all or some, ascending, so many at a time that their columns stay near the
+        processor.
+        """
+        groups = np.arange(len(self)) if groups is None else np.asarray(groups, int)
+        step = max(_FEW, _NEAR // max(8 * self.columns.shape[1], 1))
+        return [groups[i:i + step] for i in range(0, len(groups), step)]
 
     def bases(self, fit, groups=None):
         """Orthonormal bases of the groups beyond the model, of all or of some `groups`.
@@ -236,7 +238,7 @@ class CandidateBank:
         ----------
         fit : WeightedFit
         groups : sequence of int, optional
-            Of these at least; the others may count as not told from the model.
+            Of these at least, ascending; the others may count as not told from the model.
 
         Returns
         -------
