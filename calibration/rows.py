@@ -146,7 +146,8 @@ class Usable(NamedTuple):
     rows : ndarray of int, shape (m,)
         Their places in the run.
     az, el, az_enc, el_enc : ndarray, shape (m,)
-        Catalogue place, and encoder angles without their zero, radians.
+        Catalogue place, and encoder angles without their zero, radians; the first encoder angle
+        is within half a turn of the place.
     sigmas : ndarray, shape (2m,), or None
         1-sigma noise of x, then y, radians.
     excluded : list of dict
@@ -164,6 +165,17 @@ class Usable(NamedTuple):
     sigmas: np.ndarray | None
     excluded: list
     raised: list = ()
+
+    @property
+    def mild_sigmas(self):
+        """The sigmas by which is decided what rows determine; None where none were given.
+
+        None of them is far below the others, however many are: a few rows do not make columns equal
+        in which all others differ.
+        """
+        if self.sigmas is None:
+            return None
+        return np.concatenate([floored(one, False) for one in self.sigmas.reshape(2, -1)])
 
     def only(self, good, reason):
         """Those where `good`, shape (m,), holds; the others are excluded with the reason."""
@@ -205,8 +217,6 @@ def usable(run, encoder='enc', zero=NO_ZERO):
     for name, angle in zip((f'az_{encoder}', f'el_{encoder}'), zero.row_angles(run)):
         if np.ndim(angle) or angle:
             columns[name] = columns[name] - angle
-    if not run.mount.vertical:  # either side of the half turn
-        columns[f'el_{encoder}'] = columns['el'] + wrap(columns[f'el_{encoder}'] - columns['el'])
     sigmas = None
     if 'sigma_x' in run and 'sigma_y' in run:
         sigmas = [np.asarray(run[name], float) for name in ('sigma_x', 'sigma_y')]
@@ -227,7 +237,11 @@ def usable(run, encoder='enc', zero=NO_ZERO):
                         'taken': float(taken[i])} for i in np.flatnonzero(taken != given)]
             sigmas[axis] = taken
         sigmas = np.concatenate(sigmas)
-    return Usable(kept, *(v[good] for v in columns.values()), sigmas, excluded, raised)
+    az, el, az_enc, el_enc = (v[good] for v in columns.values())
+    az_enc = az + wrap(az_enc - az)
+    if not run.mount.vertical:  # either side of the half turn
+        el_enc = el + wrap(el_enc - el)
+    return Usable(kept, az, el, az_enc, el_enc, sigmas, excluded, raised)
 
 
 def floored(sigmas, lone=True):
@@ -248,21 +262,6 @@ def floored(sigmas, lone=True):
     if not count or lone and count > max(1, _LONE * len(sigmas)):
         return sigmas
     return np.where(below, least, sigmas)
-
-
-def mild_sigmas(used):
-    """The sigmas by which is decided what rows determine; None where none were given.
-
-    None of them is far below the others, however many are: a few rows do not make columns equal in
-    which all others differ.
-
-    Parameters
-    ----------
-    used : Usable
-    """
-    if used.sigmas is None:
-        return None
-    return np.concatenate([floored(values, False) for values in used.sigmas.reshape(2, -1)])
 
 
 def check_mount(mount, others):

@@ -25,14 +25,14 @@ from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
 from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import CANONICAL
 from pointing_model.mounts import ALTAZ
-from pointing_model.pointing_terms import PHYSICAL, Trig, known_terms, stacked_design
+from pointing_model.pointing_terms import PHYSICAL, Trig, stacked_design
 from pointing_model.zero import NO_ZERO, PowerOnZero, Zeros
 
 from ..estimation.gauss_newton import LinearProblem, gauss_newton
 from ..estimation.group_columns import GroupColumns
 from ..estimation.least_squares import weighted_solve
 from ..estimation.robust import LOSS
-from ..rows import UNREACHABLE, mild_sigmas, usable
+from ..rows import UNREACHABLE, usable
 from .fit_result import make_result
 
 #: Directions in the space of the (column-scaled) coefficients whose singular value is below this
@@ -212,7 +212,6 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     """
     mount = run.mount
     names = mount.names.physical if names is None else tuple(names)
-    known_terms(names, mount)
     if not names:
         raise ValueError('no term to fit; name at least one, for instance '
                          f'{mount.names.index[0]}')
@@ -228,7 +227,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
             turned = {n: v for n, v in base.terms.items() if n in mount.names.terms}
         used = _beyond(base, turned, used, run, encoder)
     trig = Trig(used.az, used.el, mount)
-    x = wrap(used.az_enc - used.az) * trig.cos_el
+    x = (used.az_enc - used.az) * trig.cos_el
     observed = np.concatenate((x if trig.side is None else x * trig.side, used.el_enc - used.el))
     terms, columns = names, stacked_design(names, used.az, used.el, mount, trig)
     design, runs, names_of_zeros = _with_zeros(columns, run, used, run_zeros)
@@ -237,7 +236,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     problem = LinearProblem(observed, design) if linear else RotationProblem(
         trig, terms, turned, observed, columns, design, mount)
     found = gauss_newton(problem, used.sigmas, LOSS if robust else None, rcond,
-                         mild_sigmas(used), zeros_of_axes, **solver)
+                         used.mild_sigmas, zeros_of_axes, **solver)
     facts = {'method': 'terms', 'encoder': encoder, 'rcond': rcond}
     if held is not None:
         facts['held'] = base.provenance.get('source') or ', '.join(base.terms)
@@ -275,7 +274,7 @@ def _beyond(held, turned, used, run, encoder):
                     covariance=None)
     context = Context.from_run(run, encoder) if known.effects else None
     x, y = (v[used.rows] for v in known.offsets(run['az'], run['el'], context))
-    left = wrap(used.az_enc - used.az) * np.cos(used.el) - x
+    left = (used.az_enc - used.az) * np.cos(used.el) - x
     return used._replace(
         az_enc=used.az + left / np.cos(used.el), el_enc=used.el + (used.el_enc - used.el - y),
     ).only(np.isfinite(left) & np.isfinite(y), UNREACHABLE)
@@ -365,7 +364,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     columns = columns_of(degree, az, el, interpretation).reshape(k, -1)
     design, runs, names_of_zeros = _with_zeros(columns, run, used, run_zeros)
     found = gauss_newton(LinearProblem(observed, design), used.sigmas, LOSS if robust else None,
-                         rcond, mild_sigmas(used))
+                         rcond, used.mild_sigmas)
     covariance = found.covariance[:k, :k]
     if after is not None:
         weights = found.weights if used.sigmas is None else (

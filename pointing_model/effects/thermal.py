@@ -33,8 +33,8 @@ from .drifts import about, moving, progress
 LAGS = tuple(60.0 * minutes for minutes in (10, 20, 40, 80, 160))
 #: time constants after which the log has forgotten how it began
 BEFORE = 2.0
-#: of the scatter of the temperature, that the late one differs from it and from what fades, at
-#: least: of a straight line it is nothing, and no run tells how late it is then
+#: part of its scatter in which what is late, or fades from the start, differs from the temperature
+#: at least
 _BENDS = 0.1
 #: a lag is at least so many steps from row to row
 _STEPS = 1.5
@@ -166,14 +166,16 @@ def _lags(context):
     for tau in LAGS:
         if not _STEPS * usual <= tau <= np.ptp(rows):
             continue
-        late, fading = lagged(context, driver, tau)
-        known = np.isfinite(late)
-        plain = np.column_stack([np.ones(known.sum()), context.get(driver)[known], fading[known]])
-        rest = late[known] - plain @ np.linalg.lstsq(plain, late[known], rcond=None)[0]
-        if rest.std() > _BENDS * log.std():
-            # in balance as the log begins; and not, unless it is long forgotten
-            starts = (False, True)[:1 + (rows[0] - time[0] < BEFORE * tau)]
-            out += [effect('lagged', of=of, tau=tau, start=start, **given)
-                    for of in _LATE for start in starts]
+        both = lagged(context, driver, tau)
+        known = np.isfinite(both[0])
+        plain = np.column_stack([np.ones(known.sum()), context.get(driver)[known]])
+        rest = both[:, known].T - plain @ np.linalg.lstsq(plain, both[:, known].T, rcond=None)[0]
+        bends, fades = rest.std(axis=0) > _BENDS * np.array([log.std(), both[1, known].std()])
+        # in balance as the log begins; and not, unless it is long forgotten
+        starts = [start for start, offered in (
+            (False, bends), (True, (bends or fades) and rows[0] - time[0] < BEFORE * tau))
+            if offered]
+        out += [effect('lagged', of=of, tau=tau, start=start, **given)
+                for of in _LATE for start in starts]
     yield Offer('lagged', out, what, None if out else
                 'the temperature goes too straight in time to show a lag')
