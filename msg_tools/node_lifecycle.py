@@ -147,7 +147,8 @@ class ManagedNode(MountNode, LifecycleNode):
         return self._rest('unconfigured')
 
     def on_shutdown(self, state):
-        """As rclpy's."""
+        """As rclpy's; there is no way back, whatever fails."""
+        self._state = 'finalized'
         return self._rest('finalized')
 
     def on_error(self, state):
@@ -157,9 +158,10 @@ class ManagedNode(MountNode, LifecycleNode):
 
     def _rest(self, state):
         """Have the mount stop if it is active, and be in another state."""
-        result = self._made(self.deactivated if self.active else lambda: None, state)
-        self.active = False  # whatever was in the way
-        return result
+        try:
+            return self._made(self.deactivated if self.active else lambda: None, state)
+        finally:
+            self.active = False  # whatever was in the way
 
     def _made(self, call, state):
         try:

@@ -18,7 +18,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.lifecycle import LifecycleNode
 
 from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
@@ -93,3 +93,22 @@ def test_what_cannot_be_done_leaves_it_inactive(graph):
     drive.trigger_configure()
     drive.trigger_activate()
     assert drive.active
+
+
+@pytest.mark.parametrize('transition', [
+    Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVE_SHUTDOWN])
+@pytest.mark.parametrize('fault', [None, OSError('the drive is off'), RuntimeError('a bug')])
+def test_the_state_that_it_reports_is_that_of_rclpy(graph, transition, fault):
+    drive = graph.add(Drive)
+    graph.wait_for(lambda: drive.active)
+
+    def fail():
+        if fault:
+            raise fault
+    drive.deactivated = fail
+    assert change(graph, transition) is (fault is None) and not drive.active
+    client = graph.tester.create_client(GetState, 'drive/get_state')
+    graph.wait_for(client.service_is_ready, 'the service')
+    future = client.call_async(GetState.Request())
+    graph.wait_for(future.done, 'the answer')
+    assert ('lifecycle', future.result().current_state.label) in drive.details()
