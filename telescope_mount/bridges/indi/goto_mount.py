@@ -348,7 +348,8 @@ class GotoMount:
                             'nearer to the meridian it chooses by itself')
             return
         rates, moves = self._rates(now)
-        if moves and telescope.takes_rates:
+        # protocols have rates of hour angle and declination
+        if moves and telescope.takes_rates and not self.mount.vertical:
             self._lead(telescope, rates, self._follower.off(demand, reading), now)
             return
         if moves and np.abs(rates).max() > NO_STAR:  # and does not rest
