@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..mounts import ALTAZ
+from ..mounts import ALTAZ, is_beyond, through_pole
 from ..sky.earth import TURN_RATE
 from ..sky.satellite_motion import satellite_motion
 from .run import PointingRun
@@ -155,9 +155,10 @@ def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=No
             continue
         air = weather(order[rows]) if callable(weather) else weather
         motion = satellite_motion(orbits[name], time[rows], site, air, mount)
-        az[rows], el[rows] = motion.az, motion.el
-        for what, of in moves.items():
-            of[:, rows] = getattr(motion, what)
+        beyond = mount.two_sided & is_beyond(columns['el_enc'][rows])
+        az[rows], el[rows] = mount.on_travel(*through_pole(motion.az, motion.el, beyond))
+        for what, of in moves.items():  # through the pole both axes turn the other way
+            of[:, rows] = np.where(beyond, -1.0, 1.0) * getattr(motion, what)
         speed[rows], sigma[rows] = motion.speed, orbits[name].sigma(time[rows])
     rates = moves['clock'] / np.stack((np.cos(el), np.ones(n)))
     run = PointingRun({**columns, 'az': az, 'el': el, 'star': label.astype(str),

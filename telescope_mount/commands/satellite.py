@@ -58,7 +58,9 @@ def run(args):
     """Read, fit, diagnose, print, write."""
     from calibration.analysis.satellites.orbit_faults import fit_without_faults
     from calibration.analysis.satellites.stamp_check import wrong_track
+    from calibration.analysis.satellites.track_fit import with_origin
     from calibration.analysis.satellites.track_summary import track_document
+    from calibration.report.fit_wording import origin_sentence
     from calibration.report.satellite_page import render_tracks, tracks_table
     from calibration.report.terminal_layers import layered
     from calibration.report.terminal_tables import terms_table
@@ -78,11 +80,13 @@ def run(args):
     bias_free = tuple(orbit.name for orbit in map(_named(measured), args.time_bias))
     console = new_console()
     with ProgressLine(first='fitting the tracks'):
+        tracks, origin = with_origin(measured.tracks())
         fit = fit_without_faults(
-            measured.tracks(), terms=args.terms, held=held,
+            tracks, terms=args.terms, held=held,
             clock_sigma=float('inf') if args.clock is None else args.clock, bias_free=bias_free)
     document = track_document(fit)
-    document['notes'] = [*document['notes'], *measured.notes]
+    document['notes'] = [*document['notes'], *measured.notes,
+                         *([origin_sentence(origin)] if origin else [])]
     view = None
     if not args.no_diagnosis and document['determined']:
         view = _diagnosed(fit, document)

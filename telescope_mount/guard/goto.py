@@ -50,13 +50,14 @@ class GotoSupervisor(Supervisor):
 
     def _to_via(self, now, name='around'):
         first, second = self._vias[0]
-        beside = second - 0.5 * math.pi
         # the last one of a way to the park position is that itself
-        if abs(beside) < POLE and not self.limits.mount.vertical and (
-                self._goal is not None or len(self._vias) > 1):
+        if self._near_pole(second) and (self._goal is not None or len(self._vias) > 1):
             side = 1.0 if float(self.readings.here[1]) > 0.5 * math.pi else -1.0
             self._vias[0] = first, 0.5 * math.pi + side * POLE
         super()._to_via(now, name)
+
+    def _near_pole(self, second):
+        return abs(second - 0.5 * math.pi) < POLE and not self.limits.mount.vertical
 
     def _set_out(self, cubic, state, now, name):
         here, move = np.array(state.angles), cubic.angles[0] - state.angles
@@ -64,7 +65,11 @@ class GotoSupervisor(Supervisor):
         legs = math.ceil(longest / LONGEST)
         if legs > 1:
             # where it comes by, that has been checked with the whole
-            there = here + np.clip(move, -longest / legs, longest / legs)
+            for more in (0.0, POLE, -POLE, 2.0 * POLE, -2.0 * POLE):
+                part = longest / legs + more
+                there = here + np.clip(move, -part, part)
+                if not self._near_pole(there[1]):
+                    break
             self._vias = [tuple(there.tolist()), *self._vias]
             cubic = resting(there)
             name = 'parking' if name == 'parking' else 'around'

@@ -16,6 +16,7 @@
 
 import numpy as np
 
+from pointing_model.mounts import is_beyond
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import STARS
 
@@ -47,7 +48,9 @@ def normal_points(fit, seconds=SECONDS):
     used = fit.weights > 0.0
     seconds = max(seconds, float(np.count_nonzero(~tracks.is_star) and _length(tracks) / _MOST))
     cell = np.where(tracks.is_star, np.arange(len(time)), np.floor(time / seconds))
-    _, which = np.unique(np.stack((tracks.arc, cell)), axis=1, return_inverse=True)
+    # of one side of the pier
+    _, which = np.unique(np.stack((tracks.arc, cell, is_beyond(run['el']))), axis=1,
+                         return_inverse=True)
     which = which.reshape(-1)
     weight = np.bincount(which, used)
     good = weight > 0.0

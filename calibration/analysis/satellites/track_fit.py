@@ -14,7 +14,7 @@
 
 """The fit of tracks: exact rotations, noise that remembers, what is known of the orbits."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from pointing_model.runs.satellite_tracks import STARS
 from ...estimation.correlated_noise import Sequence
 from ...estimation.noise_by_group import group_roots, likely_noises, white_sigmas
 from ...estimation.prior_fit import MixedFit, PriorFit, gram_of
+from ..sky_model import origin_of_errors, with_errors
 from .track_columns import TrackColumns, track_columns
 
 #: steps of the exact rotations; each leaves about the square of the terms
@@ -145,6 +146,26 @@ class TrackFit:
             size = np.mean([one.variance for one in noise.process.memory])
             process[remembers], memory = np.sqrt(size), noise.process.memory[0].memory
         return white, process, memory
+
+
+def with_origin(tracks):
+    """Tracks of a German mount with errors of its parts or on the sky, as their stars show.
+
+    Parameters
+    ----------
+    tracks : SatelliteTracks
+
+    Returns
+    -------
+    tracks : SatelliteTracks
+    origin : sky_model.Origin or None
+        None where the stars do not decide: the tracks are as they were.
+    """
+    stars = np.array([name == STARS for name in tracks.objects])[tracks.object]
+    origin = origin_of_errors(tracks.run.select(stars)) if stars.any() else None
+    if origin is None or not origin.holds:
+        return tracks, None
+    return replace(tracks, run=with_errors(tracks.run, origin.holds)), origin
 
 
 def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(), free=None,

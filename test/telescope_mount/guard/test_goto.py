@@ -111,6 +111,13 @@ def test_half_a_turn_is_gone_in_parts_that_are_judged():
     assert directions.min() > 10.0 * DEG
 
 
+def test_no_part_of_a_way_ends_near_the_pole():
+    driver = Driver(here=(130.0, 178.0), timing=0.8).run(0.2).ask(50.0, 8.0).run(90.0)
+    assert driver.state == 'following' and off(driver) < 1.0
+    ends = np.array([track.angles[0] for track in driver.sent if not track.rates.any()])
+    assert len(ends) and np.abs(ends[:, 1] / DEG - 90.0).min() > 5.9
+
+
 def test_a_driver_that_goes_another_way_is_stopped():
     driver = Driver(way=-1.0).run(0.2)
     with pytest.raises(ValueError, match='aborted: call resume'):

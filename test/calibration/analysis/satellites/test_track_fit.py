@@ -20,14 +20,16 @@ from made_tracks import SITE, TRUTH, made_orbit, made_tracks, passes
 
 from calibration.analysis.satellites.normal_points import normal_points
 from calibration.analysis.satellites.orbit_faults import fault_chances, fit_without_faults
-from calibration.analysis.satellites.track_fit import fit_tracks
+from calibration.analysis.satellites.track_fit import fit_tracks, with_origin
 from calibration.analysis.satellites.track_summary import track_document
 from calibration.analysis.term_fit import fit_terms
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.mounts import parse_mount
+from pointing_model.model import PointingModel
+from pointing_model.mounts import parse_mount, through_pole
 from pointing_model.runs.satellite_tracks import satellite_tracks, star_rates
 from pointing_model.sky.places import DEFAULT_WEATHER, observed_place
+from pointing_model.sky.satellite import satellite_place
 from pointing_model.sky.star_catalogue import load_catalogue
 
 FOUR = {'A01': 2, 'B02': 2, 'C03': 2, 'D04': 2}
@@ -144,3 +146,43 @@ def test_what_is_left_is_a_run_of_means(tracks):
     for name, value, sigma in zip(fit.names, fit.coefficients, fit.sigma):
         assert abs(value - TRUTH[name] * ARCSEC) < 5.0 * sigma
     assert fit.rms_arcsec().radial < 1.2 and points['el'].min() > 24.0 * DEG
+
+
+@pytest.mark.parametrize('errors', ['mount', 'sky'])
+def test_on_both_sides_of_the_pier_terms_and_clock_are_those_of_one_fit(errors):
+    """A pass through the meridian, on the other side after it, with stars on both."""
+    rng, orbit = np.random.default_rng(7), made_orbit('A01')
+    mount = parse_mount('german', SITE.latitude).with_errors(errors)
+    truth = {'IH': 60.0, 'ID': -70.0, 'CH': 110.0, 'NP': -40.0, 'ME': 30.0, 'MA': -25.0, 'TF': 5.0}
+    model = PointingModel({name: value * ARCSEC for name, value in truth.items()}, mount=mount)
+    when = np.concatenate(passes(orbit, 3))
+    n, late = 30, 0.02
+    first, second = rng.uniform(-1.2, 1.2, n), rng.uniform(-0.3, 1.1, n)
+    stars = mount.on_travel(*through_pole(first, second, first < 0.0))
+    # where the satellite was as it was read, before the stamp
+    seen = mount.axes_of(*satellite_place(orbit, when - late, SITE)[:2])
+    beyond = seen[0] < 0.0
+    assert 10 < np.count_nonzero(beyond) < len(when) - 10
+    seen = mount.on_travel(*through_pole(*seen, beyond))
+    time = np.concatenate([when, when[0] - 60.0 * np.arange(1, n + 1)])
+    angles = [np.concatenate(pair) for pair in zip(seen, stars)]
+    rates = star_rates(*stars, SITE.latitude, mount) * late
+    angles[0][len(when):] -= rates[0] / np.cos(stars[1])
+    angles[1][len(when):] -= rates[1]
+    readings = model.sky_to_encoder(*angles)
+    nothing = np.full(len(when), np.nan)
+    tracks = satellite_tracks(
+        {'time': time, 'az': np.append(nothing, stars[0]), 'el': np.append(nothing, stars[1]),
+         'az_enc': readings[0] + ARCSEC * rng.normal(size=len(time)) / np.cos(angles[1]),
+         'el_enc': readings[1] + ARCSEC * rng.normal(size=len(time))},
+        ['A01'] * len(when) + [''] * n, {'A01': orbit}, SITE, DEFAULT_WEATHER,
+        parse_mount('german', SITE.latitude))
+    tracks, origin = with_origin(tracks)
+    assert origin.holds == errors == tracks.run.mount.errors
+    fit = fit_tracks(tracks)
+    for name, value in truth.items():
+        found, sigma = fit[name]
+        assert abs(found - value * ARCSEC) < 4.0 * sigma and sigma < 2.0 * ARCSEC, name
+    found, sigma = fit['clock']
+    assert abs(found - late) < 4.0 * sigma and sigma < 0.01
+    assert np.std(fit.after) == pytest.approx(ARCSEC, rel=0.1)
