@@ -348,18 +348,22 @@ class GotoMount:
                             'nearer to the meridian it chooses by itself')
             return
         rates, moves = self._rates(now)
-        # protocols have rates of hour angle and declination
-        if moves and telescope.takes_rates and not self.mount.vertical:
-            self._lead(telescope, rates, self._follower.off(demand, reading), now)
-            return
         if moves and np.abs(rates).max() > NO_STAR:  # and does not rest
+            # protocols have rates of hour angle and declination
+            if telescope.takes_rates and not self.mount.vertical:
+                self._lead(telescope, rates, demand, reading, now)
+                return
             self._beside = NO_RATES
         if self._follower.learn(demand, reading):
             self._send(telescope, now)
 
-    def _lead(self, telescope, rates, off, now):
+    def _lead(self, telescope, rates, demand, reading, now):
         """Along a track of no star, by rates; axes that are far off are sent there once more."""
-        if np.abs(off).max() > NEAR:
+        off = self._follower.off(demand, reading)
+        far = np.abs(off).max()
+        if far > NEAR:
+            if far < self._follower.LARGEST:  # farther off it is the way that took its time
+                self._follower.learn(demand, reading)
             self._send(telescope, now)
         elif now - self._turned >= RENEWED:
             telescope.turn(rates + off / MADE_UP)
