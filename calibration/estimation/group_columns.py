@@ -33,6 +33,8 @@ _SURE = 1e-3
 _LEAST = 1e-5
 #: eigenvalue of a normal matrix of unit columns above which Cholesky's factor is as good
 _CLEAR = 1e-8
+#: columns of groups that are sooner taken for common ones, zeros and all
+_FEW = 48
 
 
 def orthonormal(rows):
@@ -170,6 +172,12 @@ class GroupColumns:
     def without_common(self):
         """The groups' columns alone."""
         return self._with(common=self.common[:0], zeros=())
+
+    def quickest(self):
+        """The same span: columns of groups that are few are taken for common ones."""
+        if self.groups and self.groups * len(self.own) <= _FEW:
+            return GroupColumns.alone(np.asarray(self))
+        return self
 
     def whitened(self, noise):
         """By a noise in which no row resembles one of another group."""

@@ -138,6 +138,7 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trus
     last = bisquare if final else hampel
     steps = [None] + [huber] * 6 + [last] * 5 if weights is None else [last] * 4
     # of columns that nearly depend on others each solution would look for those anew
+    columns = columns.quickest()
     if not columns.groups:
         columns = GroupColumns.alone(orthonormal(columns.common))
     design, todo = columns if columns.groups else columns.common, iter(steps)
@@ -192,6 +193,6 @@ def with_memory(fit, columns, b, sequence, memory):
     WeightedFit
     """
     noise = CorrelatedNoise.beside(fit.noise, fit.scale, sequence, memory)
-    basis = columns.basis(noise)
+    basis = columns.quickest().basis(noise)
     return WeightedFit(basis, noise, basis.off(noise.whiten(b)), columns.left_of(b, noise),
                        fit.weights, fit.scale, memory)
