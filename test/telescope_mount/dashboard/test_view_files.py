@@ -76,7 +76,7 @@ def test_series_lead_to_fields_of_topics_that_there_are(layout, script):
                 assert np.isclose(float(factor.rstrip(')')), up / ARCSEC, rtol=1e-8)
     own = {full_name(NAMESPACE, topic) for topic in (
         topics.MISS_DISTANCE, topics.OFFSET, topics.GUARD_STATUS,
-        topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS)}
+        topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.CALIBRATION_RESIDUAL)}
     assert plotted == own | {made}
 
 

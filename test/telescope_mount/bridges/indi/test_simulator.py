@@ -126,9 +126,9 @@ def test_it_is_led_along_the_track_of_a_satellite():
                     off.append(mount.off())
                 return len(off) > 300 and np.median(off[-100:]) < 3.0
             mount.until(led)
-            # and stars again, by places
+            # and stars again, by places, to the tolerance of either axis (3.1 arcsec)
             mount.ask(78.0, 76.0)
-            mount.until(lambda: mount.supervisor.state == 'following' and mount.off() < 2.0
+            mount.until(lambda: mount.supervisor.state == 'following' and mount.off() < 4.5
                         and mount.driver.telescope.last(MODE).on != CUSTOM)
 
 
