@@ -124,6 +124,13 @@ def measured_rows(_, printed):
                        for name in wanted] for row in (head, *rows)))
 
 
+def league_rows(_, printed):
+    """The league's table, and what comes after it."""
+    *_, last = filter(None, printed.splitlines())
+    return '\n'.join([line for line in printed.splitlines() if line.startswith('|')]
+                     + ['', last[:1].upper() + last[1:] + '.'])
+
+
 #: what comes after the tables of a command
 NOTES = r'note|sigma from|\d+ more|lines? \d'
 
@@ -208,6 +215,10 @@ TABLES = {
                        cut=r'  (ok|MISSED).*|   +(as an|plain|by name|median) .*'),
     'measured': Table('measured_data.md', 'benchmarks/measured_data.py --only MMT "8 m" 2012-04B '
                       '2014-04 paper', (*FIT, 'benchmarks/measured_data.py'), rows=measured_rows),
+    'league': Table('prediction.md', 'benchmarks/league.py --methods terms greedy ours',
+                    (*MODEL, 'benchmarks/league.py'), rows=league_rows),
+    'orbits': Table('satellites.md', 'benchmarks/orbits.py --rounds 1',
+                    ('pointing_model/sky', 'benchmarks/orbits.py'), 'every second', 'SGP4'),
     'speed': Table('measurements.md', 'benchmarks/all.py --part fit,model,sky,encoder,log '
                    '--json {out}.json',
                    (*MODEL, 'encoder_reading', 'msg_tools', 'benchmarks/compared.py'),
