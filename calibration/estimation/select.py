@@ -392,7 +392,7 @@ def settled(problem, choice, alpha, chance, partitions, alone=False):
     ModelChoice
     """
     while True:
-        weakest = _weakest(problem, choice, alpha, chance)
+        weakest = _weakest(problem, choice, alpha, chance, alone or chance.of_part)
         if weakest is not None:
             choice.dropped.append(choice.chosen.pop(weakest))
         else:
@@ -414,14 +414,14 @@ def significances(problem, choice, alpha, chance, alone=False):
             for i in range(len(choice.chosen))]
 
 
-def _weakest(problem, choice, alpha, chance):
+def _weakest(problem, choice, alpha, chance, alone):
     """Which of a choice does not hold beside the others, of several the likeliest by chance."""
     weakest, most = None, -1.0
     for i in reversed(range(len(choice.chosen))):
         # an effect stays while it changes: in the middle of the night it may be small
         if choice.chosen[i].changes(choice.chosen):
             continue
-        one = significance(problem, choice, i, chance, alpha, alone=True, below=most)
+        one = significance(problem, choice, i, chance, alpha, alone, most)
         if (one.p > alpha or one.delta_bic <= 0.0) and one.p > most:
             weakest, most = i, one.p
             if most >= 1.0:
