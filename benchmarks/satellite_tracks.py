@@ -179,6 +179,10 @@ def star_model(rng, truth):
     return fit_terms(run).model
 
 
+def _share(count, trials):
+    return f'{count} of {trials}'
+
+
 def part_model(trials):
     """Model from satellites alone against that of 60 stars."""
     ratio, z, clocks, few = [], [], [], 0
@@ -194,11 +198,13 @@ def part_model(trials):
         clocks.append((fit['clock'][0] - 0.01) / fit['clock'][1])
         alone = fit_tracks(measured(rng, joined(pick(rng, 'E', 4)), truth))
         few += not alone.determines
-    yield (f'satellites alone / 60 stars, median: {np.median(ratio):.2f} (at most 0.9; quartiles '
-           f'{np.quantile(ratio, 0.25):.2f}, {np.quantile(ratio, 0.75):.2f}); z of the terms, RMS: '
-           f'{np.sqrt(np.mean(np.square(z))):.2f} (0.8 to 1.25), of the clock '
-           f'{np.sqrt(np.mean(np.square(clocks))):.2f}')
-    yield f'four arcs of Etalon alone, not determining the terms: {few} of {trials}'
+    low, middle, high = np.quantile(ratio, (0.25, 0.5, 0.75))
+    yield ('error of a model from 6 passes of LAGEOS and 14 arcs, over that from 60 stars: median '
+           '(quartiles)', f'{middle:.2f} ({low:.2f}, {high:.2f})', '≤ 0.9')
+    yield ('z of its terms; of its clock, RMS', '; '.join(
+        f'{np.sqrt(np.mean(np.square(one))):.2f}' for one in (z, clocks)), '0.8 to 1.25')
+    yield ('four arcs of Etalon alone: do not determine the terms', _share(few, trials),
+           'most')
 
 
 def part_bias(trials):
@@ -226,11 +232,13 @@ def part_bias(trials):
         rows = measured(rng, one, moved, 0.0, {name: 0.005}, orbits=False)
         fit = fit_tracks(rows, held=known, clock_sigma=0.0, bias_free=(name,))
         gps += not fit.separated(f'ahead {name}')
-    yield (f'20 ms on one pass of LAGEOS: sigma {1e3 * np.median(bias):.1f} ms (at most 6), both '
-           f'within 2.5 sigma {within} of {trials} (93 %), z RMS '
-           + ', '.join(f'{v:.2f}' for v in np.sqrt(np.mean(np.square(z), axis=0))))
-    yield (f'not told apart: seven terms free {free} of {trials}; 5 ms on a pass of GPS {gps} of '
-           f'{trials}')
+    yield ('20 ms on one pass of LAGEOS, a zero off by 10″, a model: σ, median',
+           f'{1e3 * np.median(bias):.1f} ms', '≤ 6 ms')
+    yield 'both within 2.5 σ', _share(within, trials), '≥ 93 %'
+    yield ('z of the 20 ms; of the zero, RMS', '; '.join(
+        f'{v:.2f}' for v in np.sqrt(np.mean(np.square(z), axis=0))), '0.8 to 1.25')
+    yield 'not separable: the same, seven terms free', _share(free, trials), 'most'
+    yield 'not separable: 5 ms on a pass of GPS', _share(gps, trials), 'most'
 
 
 def clock_bound(tracks, remembers):
@@ -267,11 +275,11 @@ def part_clock(trials):
                           tracks.run['el'][tracks.speed > 0.0].max()))
         sigma, z, bound, top = np.array(found).T
         high = top > 70.0 * DEG
-        yield (f'by 60 stars and a pass of {"LAGEOS" if kind == "H" else "GPS"}, a row each '
-               f'{step:g} s, noise {"remembers" if remembers else "white 2 arcsec"}: sigma '
-               f'{np.median(sigma):.1f} ms ({4 if kind == "H" else 15}), above 70 deg '
-               f'{np.median(sigma[high]):.1f}; Cramer-Rao bound {np.median(bound):.1f}; z RMS '
-               f'{np.sqrt(np.mean(z**2)):.2f}')
+        yield (f'σ of the clock by 60 stars and a pass of {"LAGEOS" if kind == "H" else "GPS"}, '
+               f'a row each {step:g} s, {"noise with memory" if remembers else "white noise of 2″"}',
+               f'{np.median(sigma):.1f} ms (bound {np.median(bound):.1f}; passes above 70° '
+               f'{np.median(sigma[high]):.1f}), z {np.sqrt(np.mean(z**2)):.2f}',
+               f'≤ {4 if kind == "H" else 15} ms')
 
 
 def _four(rng, arcs):
@@ -316,23 +324,34 @@ def part_fault(trials):
                 error, least = (fresh_error(np.random.default_rng(trial), one.model, truth)
                                 for one in (fit, clean))
                 good += error <= 1.1 * least
-            yield (f'{arcs} arcs each, {kind}: named {right}, another named {wrong}, "one of '
-                   f'these" {several}, model within 1.1 x {good} of {trials}')
+            what = {'constant': 'one of four satellites 20″ off', 'none': 'none off',
+                    'varying': 'one 20″ off that varies'}[kind]
+            figures = [f'{wrong} wrong', f'{several} "one of these"',
+                       f'{good} models within 1.1 ×']
+            limits = [f'wrong ≤ {2 if arcs == 3 else 5}', 'models ≥ 90']
+            if kind == 'none':
+                limits[0] = 'wrong ≤ 5'
+            else:
+                figures.insert(0, f'{right} named')
+                limits[:0] = [f'named ≥ {90 if kind == "constant" else 95}'] * (arcs == 3)
+            yield (f'{what}, {arcs} arc{"s" * (arcs > 1)} each',
+                   ', '.join(figures) + f' of {trials}', ', '.join(limits))
 
 
 PARTS = {'model': part_model, 'bias': part_bias, 'clock': part_clock, 'fault': part_fault}
 
 
 def main():
-    """Print a line or more for each part."""
+    """Print a Markdown table: what, figure, wanted."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--trials', type=int, default=100)
     parser.add_argument('--part', default=','.join(PARTS))
     args = parser.parse_args()
+    print('| what | figure | wanted |\n| --- | --- | --- |', flush=True)
     for name in args.part.split(','):
-        for line in PARTS[name](args.trials):
-            print(f'{name}: {line}', flush=True)
+        for row in PARTS[name](args.trials):
+            print('| ' + ' | '.join(row) + ' |', flush=True)
 
 
 if __name__ == '__main__':

@@ -14,7 +14,7 @@
 
 """Writes the tables that commands print into the pages, between marks, and finds stale ones.
 
-    .venv/bin/python docs/make/tables.py [NAME ...]   # all, some ten minutes
+    .venv/bin/python docs/make/tables.py [NAME ...]   # all, some forty minutes
     .venv/bin/python docs/make/tables.py --check      # those older than what they rest on; code 1
     .venv/bin/python docs/make/tables.py --stale      # make these again
 
@@ -131,6 +131,11 @@ def league_rows(_, printed):
                      + ['', last[:1].upper() + last[1:] + '.'])
 
 
+def printed_rows(_, printed):
+    """A table as it was printed."""
+    return printed.strip()
+
+
 #: what comes after the tables of a command
 NOTES = r'note|sigma from|\d+ more|lines? \d'
 
@@ -219,6 +224,13 @@ TABLES = {
                     (*MODEL, 'benchmarks/league.py'), rows=league_rows),
     'orbits': Table('satellites.md', 'benchmarks/orbits.py --rounds 1',
                     ('pointing_model/sky', 'benchmarks/orbits.py'), 'every second', 'SGP4'),
+    'satellite_tracks': Table(  # some 25 minutes
+        'satellites.md', 'benchmarks/satellite_tracks.py',
+        ('calibration/analysis/satellites', 'calibration/estimation/noise_by_group.py',
+         'calibration/estimation/prior_fit.py', 'calibration/estimation/correlated_noise.py',
+         'calibration/analysis/term_fit.py', 'pointing_model/runs/satellite_tracks.py',
+         'pointing_model/sky/satellite.py', 'pointing_model/sky/orbits',
+         'benchmarks/satellite_tracks.py'), rows=printed_rows),
     'speed': Table('measurements.md', 'benchmarks/all.py --part fit,model,sky,encoder,log '
                    '--json {out}.json',
                    (*MODEL, 'encoder_reading', 'msg_tools', 'benchmarks/compared.py'),
