@@ -276,7 +276,7 @@ def part_clock(trials):
         sigma, z, bound, top = np.array(found).T
         high = top > 70.0 * DEG
         yield (f'σ of the clock by 60 stars and a pass of {"LAGEOS" if kind == "H" else "GPS"}, '
-               f'a row each {step:g} s, {"noise with memory" if remembers else "white noise of 2″"}',
+               f'a row each {step:g} s, {"with memory" if remembers else "white noise of 2″"}',
                f'{np.median(sigma):.1f} ms (bound {np.median(bound):.1f}; passes above 70° '
                f'{np.median(sigma[high]):.1f}), z {np.sqrt(np.mean(z**2)):.2f}',
                f'≤ {4 if kind == "H" else 15} ms')
