@@ -129,10 +129,16 @@ def _headline(document, effects):
 
 
 def _line(document, row, name, reach):
+    found, folds = _repeats(document, row)
+    return effect_line(row, name, reach, '' if found is None else 'uncertain: ' * (
+        2 * found < folds) + f'in {found} of {folds} resamples')
+
+
+def _repeats(document, row):
+    """In how many resamples an effect is found, by any of its causes, and of how many; or None."""
     spread = document['after'].get('cv_spread') or {}
-    found = (spread.get('chosen_set') or spread.get('chosen') or {}).get(row['name'])
-    return effect_line(
-        row, name, reach, f'in {found} of {spread["folds"]} resamples' if found is not None else '')
+    return ((spread.get('chosen_set') or spread.get('chosen') or {}).get(row['name']),
+            spread.get('folds'))
 
 
 def effect_line(row, name, reach=None, stability=''):
@@ -158,6 +164,10 @@ def _cautions(document):
         size = noise.get('removes_rms_arcsec')
         out.append('Correlated noise' + (f', {arcsec(size)} RMS' if size else '')
                    + ', remains; its cause is unknown.')
+    repeats = [_repeats(document, row) for row in document['effects']]
+    if document['verdict'] not in STAYS and repeats and all(
+            found is not None and 2 * found < folds for found, folds in repeats):
+        out.append('No effect is found in half of the resamples: trust the RMS, not the causes.')
     outliers = document.get('outliers') or []
     if outliers:
         word = document.get('rows_are') or 'row'

@@ -18,6 +18,7 @@
 import pytest
 from documents import CAUSES, contended, document
 
+from calibration.report.diagnosis_summary import summary_of
 from calibration.report.figure_wording import (
     choice_sentence,
     figures_sentence,
@@ -182,6 +183,16 @@ def test_whether_the_choice_repeats_is_told():
     spread |= {'chosen_set': {'fork_cross_term': 155}, 'others_set': {'b': 2}}
     assert ('  155 saddle cross term (65 by an equal cause)\n  others: 2 b\n'
             ) in choice_sentence(told)
+
+
+@pytest.mark.parametrize('found, uncertain', [(4, True), (79, True), (80, False)])
+def test_a_cause_that_few_resamples_find_is_uncertain(found, uncertain):
+    told = document(CAUSES, runs=1)
+    told['after'] = {**told['after'], 'cv_spread': {
+        'folds': 160, 'chosen_set': {told['effects'][0]['name']: found}}}
+    summary = summary_of(told, ['elevation encoder'], [5.0])
+    assert f'({"uncertain: " * uncertain}in {found} of 160 resamples)' in summary.headline
+    assert any('trust the RMS, not the causes' in one for one in summary.cautions) == uncertain
 
 
 def test_effects_are_ranked_with_their_size():
