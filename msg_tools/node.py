@@ -19,6 +19,7 @@ import os
 import socket
 import time
 import uuid
+from functools import lru_cache
 from inspect import iscoroutinefunction
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -53,10 +54,12 @@ UNUSABLE = ValueError, ArithmeticError, RecursionError
 DUPLICATES = 0.25
 
 
+@lru_cache(64)
 def message_of(data, kind):
     """The message of class `kind` that bytes are; ValueError says why they are none.
 
-    rclpy, asked for messages, skips such bytes without a word.
+    rclpy, asked for messages, skips such bytes without a word. One that several nodes of a process
+    take is made once.
     """
     try:
         return deserialize_message(data, kind)
@@ -363,14 +366,25 @@ class MountNode(ParameterNode):
             rows.append((f'gaps {name}', str(sum(c.gaps for _, c in subs))))
         return rows
 
+    def _connections_and_counts(self):
+        """The numbers of `endpoints`; counts without those of the clock, which never rest."""
+        connections = [pub.get_subscription_count()
+                       for pub in (self._diagnostics, self._reports_of_endpoints)]
+        counts = []
+        for name, (pub, counter) in self._publishers_of.items():
+            connections.append(pub.get_subscription_count())
+            if name != CLOCK.name:
+                counts.append(counter.count)
+        for name, subs in self._subscriptions_of.items():
+            for sub, counter in subs:
+                connections.append(sub.get_publisher_count())
+                if name != CLOCK.name:
+                    counts += counter.count, counter.last, counter.gaps
+        return connections, counts
+
     def _diagnose(self):
         # at once when a connection came or went, or messages have come to rest; else once a second
-        rows = self.endpoints()
-        ends = PUBLISHES, SUBSCRIBES
-        connections = [row for row in rows if row[0].startswith(ends)]
-        # those of the clock never come to rest
-        counts = [row for row in rows
-                  if not row[0].startswith(ends) and not row[0].endswith(f' {CLOCK.name}')]
+        connections, counts = self._connections_and_counts()
         self._rests = counts == self._last_counts
         self._last_counts = counts
         new = (connections != self._published_connections

@@ -44,6 +44,12 @@ def make_qos(depth, *, reliable=True, latched=False):
     )
 
 
+@cache
+def _message(type_name):
+    package, _, name = type_name.split('/')
+    return getattr(import_module(f'{package}.msg'), name)
+
+
 RELIABLE = Quality(100)
 # An encoder at 1 kHz may run a few seconds ahead of a busy subscriber before a sample is lost.
 DEEP = Quality(5000)
@@ -85,8 +91,7 @@ class Topic:
     @property
     def message(self):
         """The Python class of the message."""
-        package, _, name = self.type.split('/')
-        return getattr(import_module(f'{package}.msg'), name)
+        return _message(self.type)
 
     @property
     def latched(self):

@@ -141,22 +141,22 @@ def _best(left, miss, wrong):
     kept = np.isfinite(left[0]) & ~wrong
     if kept.sum() < LEAST // 2:
         return None
-    noise, best = max(_noise(left[:, kept]), LEAST_NOISE), (GAIN, None)
-    for name, matrix in SENSES.items():
-        off = np.array(matrix, float) @ miss
-        plain, turned = np.nan_to_num(np.hypot(*left) / noise), np.nan_to_num(
-            np.hypot(*(left - off)) / noise)
-        gain = np.minimum(plain, CAP)**2 - np.minimum(turned, CAP)**2
-        explained = turned < EXPLAINED
-        gain[(plain > CLEAR) & explained] = 1.2 * GAIN
-        gain[(plain > EXPLAINED) & ~explained] = -EXPLAINED**2  # it is something else
-        total = np.append(0.0, np.cumsum(gain))
-        lowest = np.minimum.accumulate(total)
-        end = int(np.argmax(total - lowest))
-        begin = int(np.argmin(total[:end])) if end else 0
-        if end - begin >= FEWEST and total[end] - total[begin] > best[0]:
-            best = total[end] - total[begin], (begin, end, name)
-    return best[1]
+    noise = max(_noise(left[:, kept]), LEAST_NOISE)
+    off = np.array(list(SENSES.values()), float) @ miss  # of each sense, (2, n)
+    plain = np.nan_to_num(np.hypot(*left) / noise)
+    turned = np.nan_to_num(np.hypot(*np.moveaxis(left - off, 1, 0)) / noise)
+    gain = np.minimum(plain, CAP)**2 - np.minimum(turned, CAP)**2
+    explained = turned < EXPLAINED
+    gain[(plain > CLEAR) & explained] = 1.2 * GAIN
+    gain[(plain > EXPLAINED) & ~explained] = -EXPLAINED**2  # it is something else
+    total = np.pad(np.cumsum(gain, axis=1), ((0, 0), (1, 0)))
+    rise = total - np.minimum.accumulate(total, axis=1)
+    best, found = GAIN, None
+    for name, whole, own, end in zip(SENSES, total, rise, np.argmax(rise, axis=1)):
+        begin = int(np.argmin(whole[:end])) if end else 0
+        if end - begin >= FEWEST and own[end] > best:
+            best, found = own[end], (begin, int(end), name)
+    return found
 
 
 def frozen_rows(miss_x, miss_y):

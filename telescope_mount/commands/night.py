@@ -68,7 +68,6 @@ def add(commands):
 
 def run(args):
     """Observe, print, write."""
-    from ..real_night import run_server_night
     from ..server_night import PORTS
     from ..whole_night import run_night
     from .console import ProgressLine, end_of_night, new_console, print_calibration
@@ -104,6 +103,7 @@ def run(args):
         'calibration': calibration, 'track': track, 'discrimination': discrimination}
     with ProgressLine(console) as progress:
         if by_server:
+            from ..real_night import run_server_night
             report = run_server_night(
                 args.out, args.mount, camera=args.camera, drivers=args.driver, anew=args.anew,
                 exposure=args.exposure, progress=progress, hold_up=hold_up,

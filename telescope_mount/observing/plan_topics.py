@@ -145,8 +145,9 @@ class PlanTopics:
             self._goal.goal_info.goal_id.uuid = list(goal_uuid(self._begun, progress.plan).bytes)
         if self._goal is None:
             return
-        self._goal.status = state
-        self._state_pub.publish(GoalStatusArray(status_list=[self._goal]))
+        if self._goal.status != state:
+            self._goal.status = state
+            self._state_pub.publish(GoalStatusArray(status_list=[self._goal]))
         message = DiagnosticArray(status=[
             convert.status(b'\0', 'plan', progress.step, state=state,
                            **{name: getattr(progress, name) for name in NUMBERS}),

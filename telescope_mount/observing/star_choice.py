@@ -363,9 +363,10 @@ def has_neighbour(stars, rows):
     # of those of nearly the same declination
     first = np.searchsorted(stars.dec[deep], stars.dec[rows] - NEIGHBOUR_DISTANCE)
     after = np.searchsorted(stars.dec[deep], stars.dec[rows] + NEIGHBOUR_DISTANCE, 'right')
-    out = np.zeros(len(rows), bool)
+    out, least = np.zeros(len(rows), bool), np.cos(NEIGHBOUR_DISTANCE)
     for i, row in enumerate(rows):
-        near = others[first[i]:after[i]] @ mine[i] >= np.cos(NEIGHBOUR_DISTANCE)
-        near = deep[first[i] + np.flatnonzero(near)]
-        out[i] = np.any((stars.mag[near] < stars.mag[row] + NEIGHBOUR_CONTRAST) & (near != row))
+        near = np.flatnonzero(others[first[i]:after[i]] @ mine[i] >= least)
+        if len(near) > 1:  # one is the star itself
+            near = deep[first[i] + near]
+            out[i] = np.any((stars.mag[near] < stars.mag[row] + NEIGHBOUR_CONTRAST) & (near != row))
     return out

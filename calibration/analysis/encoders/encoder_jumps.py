@@ -27,7 +27,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
 
 from ...estimation.step_scan import (
     clipped,
@@ -350,6 +349,7 @@ def _step_fits(design, y, steps, at, run):
 
 def _evidence(d, u, shared, chance):
     """Log evidence of each cause at each moment, (k,), by (d, s - shared d)."""
+    from scipy.special import ndtri  # a quarter of a second
     toll = 0.5 * ndtri(0.5 * chance) ** 2
     # of a size g times its sigma: half its square goes with the factor g / (1 + g)
     half = 0.5 * -np.expm1(-2.0 * toll)

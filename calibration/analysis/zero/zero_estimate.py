@@ -26,7 +26,6 @@ is the whole offset there.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
@@ -297,5 +296,6 @@ def _misfit(fit, prior, rows, groups):
     if dof <= 0:
         return 1.0
     ratio = between / dof
+    from scipy.special import chdtrc, fdtrc  # a quarter of a second
     p = chdtrc(dof, between) if rows.sigmas is not None else fdtrc(dof, 2.0 * free, ratio)
     return float(np.sqrt(ratio)) if ratio > 1.0 and p < _DISAGREE else 1.0
