@@ -26,13 +26,14 @@ from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.recorder import parameters_of
 from msg_tools.bag.topic_names import prefix_of
+from msg_tools.units import DEG
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation, declared_worms
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.runs.copies import copies, without_copies, written_twice
 from pointing_model.runs.formats import NoObservations, NoUsableRow, read_run, swap_encoders
 from pointing_model.runs.row_exclusion import without_excluded
-from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run import PointingRun, known_site
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.skyline import parse_horizon
 
@@ -102,7 +103,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
             raise ValueError(f'{path} is a log of a night with a mount that is '
                              f'{mount_text(run.mount)}; leave out --mount')
         if site is not None:
-            run.meta['site'] = site
+            run.meta['site'] = {**known_site(run.meta), **site} if isinstance(
+                site, dict) else site
         if encoder == 'abs':
             swap_encoders(path, run.columns, run.meta)
     if exclude:
@@ -244,9 +246,14 @@ def run_of_log(path):
     notes += notes_of(run)
     stars &= ~distrusted(run)
     meta = {**run.meta, 'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
-    calibration, guard = (parameters_of(bag.metadata, f'{prefix}{name}') or {}
-                          for name in ('calibration', 'mount_guard'))
+    calibration, guard, observer = (parameters_of(bag.metadata, f'{prefix}{name}') or {}
+                                    for name in ('calibration', 'mount_guard', 'star_observer'))
     meta |= declared_by({**guard, **{k: v for k, v in calibration.items() if v}}, meta['notes'])
+    site = {name: observer[f'{name}_{unit}'] * size for name, unit, size in (
+        ('latitude', 'deg', DEG), ('longitude', 'deg', DEG), ('height', 'm', 1.0))
+            if f'{name}_{unit}' in observer}
+    if site:
+        meta['site'] = {**site, **known_site(meta)}
     return _without_check_rows(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
 
 

@@ -134,14 +134,20 @@ def test_an_exported_log_gives_the_same_fit(night, tmp_path):
 
 
 @pytest.mark.usefixtures('ros_domain')
-def test_a_log_tells_the_skyline_of_its_guard(monkeypatch, tmp_path, night):
+def test_a_log_has_the_skyline_of_its_guard_and_the_site_of_its_observer(
+        monkeypatch, tmp_path, night):
     told = {'calibration': {'horizon': '', 'graduation': 'grating=47200'},
-            'mount_guard': {'horizon': '0 10, 90 60'}}
+            'mount_guard': {'horizon': '0 10, 90 60'},
+            'star_observer': {'latitude_deg': 30.0, 'longitude_deg': 90.0, 'height_m': 500.0}}
     monkeypatch.setattr('telescope_mount.run_loader.parameters_of',
                         lambda metadata, name: told[name.rpartition('/')[2]])
     run = load_run(night / 'bag')
     assert np.degrees(run.meta['skyline']) == pytest.approx(np.array([[0, 10], [90, 60]]))
     assert run.meta['graduation']['az'] == {'grating': 47200}
+    assert run.meta['site'] == {
+        'latitude': 30.0 * DEG, 'longitude': 90.0 * DEG, 'height': 500.0}
+    run = load_run(night / 'bag', site={'latitude': 0.5})
+    assert (run.meta['site']['latitude'], run.meta['site']['longitude']) == (0.5, 90.0 * DEG)
     told['mount_guard']['horizon'] = str(tmp_path / 'absent.txt')
     run = load_run(night / 'bag')
     assert 'skyline' not in run.meta and 'absent.txt, which is not here' in run.meta['notes'][-1]
