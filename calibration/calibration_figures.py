@@ -20,13 +20,14 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
+from pointing_model.rms import rms_arcsec
 
 from .rows import is_for_zero
 
 _NO_WORD = re.compile(r'\W+')
 
 
-def calibration_figures(model, zero, report=None, tracked=None):
+def calibration_figures(model, zero, report=None, tracked=None, left=None):
     """Numbers of what is published, in groups of at most fifteen.
 
     Parameters
@@ -37,16 +38,22 @@ def calibration_figures(model, zero, report=None, tracked=None):
         Of the last fit.
     tracked : dict, optional
         Document of a model that is tracked.
+    left : dict, optional
+        What `model` leaves of the stars, as of `residual_table`.
 
     Returns
     -------
     dict of str to dict of str to float
         ``term/IA`` and ``effect/NAME/COEFFICIENT``: ``value_arcsec``, ``sigma_arcsec``; ``zero``;
-        ``rms/STEP/used`` and ``held_out`` of each step of the report; ``fit``; ``expected_error``;
-        ``tracking``. What is not known is left out.
+        ``rms/STEP/used`` and ``held_out`` of each step of the report, ``rms/active_model`` of what
+        is active now; ``fit``; ``expected_error`` of the model; ``tracking``. What is not known is
+        left out.
     """
     groups = {}
     if model is not None:
+        expected = model.provenance.get('expected') or {}
+        groups['expected_error'] = {key: expected.get(key) for key in (
+            'rms_arcsec', 'low_arcsec', 'high_arcsec')}
         for (name, value), sigma in zip(model.terms.items(), model.sigmas):
             groups[f'term/{name}'] = _value(value, sigma)
         for one in model.effects:
@@ -62,6 +69,8 @@ def calibration_figures(model, zero, report=None, tracked=None):
             'second_axis_sigma_arcsec': sigma[1] / ARCSEC, 'power_on': zero.run}
     if report:
         groups |= _of_report(report)
+    if left:
+        groups |= _of_residuals(left)
     if tracked:
         groups['tracking'] = {'stars': tracked['stars'], **{
             f'expected_error_{when.replace(" ", "_")}_arcsec': value
@@ -99,16 +108,24 @@ def _of_report(report):
     for step in report.get('steps') or ():
         for rows in ('used', 'held_out'):
             if of := step.get(rows):
-                groups[f'rms/{_NO_WORD.sub("_", step["step"])}/{rows}'] = {'rows': of['n'], **{
-                    f'{axis}_arcsec': of[axis] for axis in ('x', 'y', 'radial')}}
+                groups[f'rms/{_NO_WORD.sub("_", step["step"])}/{rows}'] = _rms_of(of)
     x, y = report.get('noise_arcsec') or (None, None)
     groups['fit'] = {'stars': report.get('stars'), 'rejected': report.get('rejected'),
                      'condition': report.get('condition'), 'noise_x_arcsec': x,
                      'noise_y_arcsec': y}
-    expected = report.get('expected') or {}
-    groups['expected_error'] = {key: expected.get(key) for key in (
-        'rms_arcsec', 'low_arcsec', 'high_arcsec')}
     return groups
+
+
+def _of_residuals(left):
+    """RMS of the stars that may be fitted, and of the blind ones."""
+    x, y = left['residual_right'], left['residual_up']
+    blind = np.asarray(left.get('check', np.zeros(len(x)))) == 1.0
+    return {f'rms/active_model/{name}': _rms_of(rms_arcsec(x[rows], y[rows])._asdict())
+            for name, rows in (('used', ~blind), ('check', blind)) if rows.any()}
+
+
+def _rms_of(found):
+    return {'rows': found['n'], **{f'{axis}_arcsec': found[axis] for axis in ('x', 'y', 'radial')}}
 
 
 def residual_table(active, rows, site=None):

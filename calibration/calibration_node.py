@@ -68,6 +68,7 @@ class Calibration(MountNode):
         self._taken_up = []  # from others, after a start in the middle of a night
         self._marks, self._marks_stamp = None, 0  # of the incremental encoder, and of when, ns
         self._expected_of = None  # the power-on whose expected zero is published
+        self._left = None  # what the active model leaves of the stars
         self._pubs = {topic.name: self.publisher(topic) for topic in (
             topics.ZERO, topics.ZERO_IDENTITY, topics.ZERO_POSE, topics.ZERO_EXPECTED, topics.MODEL,
             topics.CALIBRATION_REPORT, topics.DIAGNOSIS, topics.CALIBRATION_STATUS,
@@ -244,7 +245,7 @@ class Calibration(MountNode):
         tracked = self._state.tracked
         self._publish(topics.CALIBRATION_FIGURES, convert.figures(
             stamp, calibration_figures(self._state.model, zero, self._state.report,
-                                       tracked and tracked.document())))
+                                       tracked and tracked.document(), self._left)))
 
     def _work_fit(self):
         self._publish_status('fitting')
@@ -260,11 +261,11 @@ class Calibration(MountNode):
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
+        table = self._left = self._state.active and residual_table(
+            self._state.active, self._state.rows.all(), site_of(self.value('site')))
         self._send_model(model)
         self._publish_zero(self._state.zero_of_model())
-        if self._state.active is not None:
-            table = residual_table(self._state.active, self._state.rows.all(),
-                                   site_of(self.value('site')))
+        if table is not None:
             self._publish(topics.CALIBRATION_RESIDUALS, table_to_cloud(
                 table, self._state.last_stamp,
                 self._state.mount.direction(table['azimuth'], table['elevation'])))

@@ -69,6 +69,11 @@ class Progress:
     refused: int = 0
     forgotten: int = 0
 
+    @property
+    def steps(self):
+        """How many the plan has."""
+        return sum(bool(part.strip()) for part in self.plan.split(','))
+
     def rows(self):
         """Key and value of each row, dict."""
         return {field.name: getattr(self, field.name) for field in fields(self)}

@@ -150,6 +150,7 @@ class PlanTopics:
             self._state_pub.publish(GoalStatusArray(status_list=[self._goal]))
         message = DiagnosticArray(status=[
             convert.status(b'\0', 'plan', progress.step, state=state,
+                           steps=progress.steps,
                            **{name: getattr(progress, name) for name in NUMBERS}),
             *convert.figures(stamp, self.results).status])
         message.header.stamp = convert.to_stamp(stamp)

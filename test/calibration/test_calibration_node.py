@@ -24,6 +24,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from calibration.calibration_figures import calibration_figures
 from calibration.calibration_node import Calibration
 from calibration.calibration_state import CalibrationState
 from calibration.report.encoder_wording import MARKS_UNKNOWN
@@ -152,8 +153,15 @@ def test_terms_zero_and_errors_are_numbers_to_plot(graph):
     assert convert.from_stamp(residuals.header.stamp) == desk.stamp
     rms = np.hypot(*(np.sqrt(np.mean(left[f'residual_{way}']**2))
                      for way in ('right', 'up'))) / ARCSEC
+    assert series['rms/active_model/used/radial_arcsec'] == pytest.approx(rms)
     assert series['rms/7_physical_terms/used/radial_arcsec'] < rms
     assert rms < series['rms/7_physical_terms/held_out/radial_arcsec']
+
+
+def test_the_expected_error_is_that_of_the_active_model_not_of_the_fit_before_it():
+    model = PointingModel({'CA': 1e-5}, provenance={'expected': {'rms_arcsec': 1.5}})
+    figures = calibration_figures(model, None, {'expected': {'rms_arcsec': 3.6}})
+    assert figures['expected_error'] == {'rms_arcsec': 1.5}
 
 
 def test_model_and_report_are_there_for_those_who_come_late(graph):

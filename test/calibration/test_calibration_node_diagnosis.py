@@ -70,9 +70,13 @@ def test_a_diagnosis_adds_the_effect_and_publishes_what_belongs_together(graph, 
     answer = graph.call('diagnose')
     assert answer.success, answer.message
     assert answer.message.startswith('identified: azimuth_encoder_1; ')
-    documents, models, zeros, said = (graph.listen(topic) for topic in (
-        topics.DIAGNOSIS, topics.MODEL, topics.ZERO, topics.ZERO_IDENTITY))  # late: latched
-    graph.wait_for(lambda: documents and models and zeros and said)
+    documents, models, zeros, said, figures = (graph.listen(topic) for topic in (
+        topics.DIAGNOSIS, topics.MODEL, topics.ZERO, topics.ZERO_IDENTITY,
+        topics.CALIBRATION_FIGURES))  # late: latched
+    graph.wait_for(lambda: documents and models and zeros and said and figures)
+    radial = {status.name: float(row.value) for status in figures[0].status
+              for row in status.values if row.key == 'radial_arcsec'}
+    assert radial['rms/active_model/used'] < 0.7 < radial['rms/7_physical_terms/used']
     document, model = json.loads(documents[0].data), PointingModel.from_json(models[0].data)
     assert document['verdict'] == 'identified' and document['kept_out'] == 0
     assert [e.effect.name for e in model.effects] == document['applied'] == ['azimuth_encoder_1']

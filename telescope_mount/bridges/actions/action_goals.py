@@ -146,7 +146,7 @@ class GoalPlan:
 
 
 def _fields(progress, state, text):
-    rows = progress.rows()
+    rows = progress.rows() | {'steps': progress.steps}
     del rows['plan']
     return counted(rows) | {'state': state, 'message': text}
 

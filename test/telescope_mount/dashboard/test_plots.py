@@ -82,7 +82,7 @@ def test_plotjuggler_finds_each_series(series):
         'term/T/value_arcsec', 'term/T/sigma_arcsec', 'zero/first_axis_arcsec',
         'zero/second_axis_arcsec', 'zero/first_axis_sigma_arcsec', 'zero/power_on',
         'zero/second_axis_sigma_arcsec', 'expected_error/rms_arcsec',
-        'rms/7_physical_terms/used/radial_arcsec', 'rms/7_physical_terms/held_out/radial_arcsec'}
+        'rms/active_model/used/radial_arcsec', 'rms/7_physical_terms/held_out/radial_arcsec'}
 
 
 def test_foxglove_finds_each_series(series):

@@ -94,8 +94,8 @@ def test_a_plan_that_is_done():
     goal.take_progress(Progress(plan=PLAN, run=3, observations=2), DONE, 'plan finished')
     assert goal.over and goal.end(False, '') == 'succeed'
     assert goal.fields == {
-        'state': DONE, 'message': 'plan finished', 'step': '', 'block': 0, 'done': 0, 'total': 0,
-        'observations': 2, 'run': 3, 'lost': 0, 'refused': 0, 'forgotten': 0}
+        'state': DONE, 'message': 'plan finished', 'step': '', 'block': 0, 'steps': 2, 'done': 0,
+        'total': 0, 'observations': 2, 'run': 3, 'lost': 0, 'refused': 0, 'forgotten': 0}
 
 
 def test_the_same_plan_before_is_another_goal():

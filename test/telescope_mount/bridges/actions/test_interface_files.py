@@ -103,7 +103,7 @@ def named(name, part=0):
 
 def test_fields_are_those_of_the_topics():
     assert set(named('PlanProgress.msg')) == {
-        'state', 'message', *(field.name for field in fields(Progress))} - {'plan'}
+        'state', 'message', 'steps', *(field.name for field in fields(Progress))} - {'plan'}
     assert tuple(named('Diagnose.action', 2)) == Stage._fields
     rms = {'rms_arcsec': 1.0, 'cv_rms_arcsec': 1.0}
     found = diagnosis_fields({'verdict': 'none', 'published': False, 'before': rms, 'after': rms,
