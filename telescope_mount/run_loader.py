@@ -41,7 +41,8 @@ from .night_files import log_of
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,
-             graduation=None, worms=None, drivers=(), mount=None, equinox=None, exclude=()):
+             graduation=None, worms=None, drivers=(), mount=None, equinox=None, exclude=(),
+             satellites=False):
     """Read a pointing run from a file of any kind that `read_run` takes, or from a log.
 
     Rows that are there to judge by (``check`` not 0) are left out, and a note says so.
@@ -71,6 +72,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         Of the catalogue places of a file, see `read_run`.
     exclude : sequence of str
         Rows to leave out, see `pointing_model.runs.row_exclusion.excluded_rows`.
+    satellites : bool
+        Whether those of a log count.
 
     Returns
     -------
@@ -98,7 +101,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     else:
         if equinox is not None:
             raise ValueError(f'{path} is a log, which has no catalogue places; leave out --equinox')
-        run = run_of_log(path)
+        run = run_of_log(path, satellites)
         if mount is not None and not run.mount.agrees(parse_mount(mount, run.mount.latitude)):
             raise ValueError(f'{path} is a log of a night with a mount that is '
                              f'{mount_text(run.mount)}; leave out --mount')
@@ -192,8 +195,14 @@ def _line_of(path, error):
     return str(error)
 
 
-def run_of_log(path):
+def run_of_log(path, satellites=False):
     """The observations in a log, with the newest zero of each power-on taken off.
+
+    Parameters
+    ----------
+    path : Path
+    satellites : bool
+        Whether theirs count.
 
     Returns
     -------
@@ -244,7 +253,11 @@ def run_of_log(path):
     way = way_of(run.select(~stars)) or 'Polaris'
     notes.append(f'{int((~stars).sum())} exposures of {way} left out')
     notes += notes_of(run)
-    stars &= ~distrusted(run)
+    passes = (run['star'] < 0) & (not satellites)
+    if passes.any():
+        notes.append(f'{int((passes & stars).sum())} exposures of satellites left out: '
+                     '"satellite" fits them')
+    stars &= ~distrusted(run) & ~passes
     meta = {**run.meta, 'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
     calibration, guard, observer = (parameters_of(bag.metadata, f'{prefix}{name}') or {}
                                     for name in ('calibration', 'mount_guard', 'star_observer'))

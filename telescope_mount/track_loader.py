@@ -112,7 +112,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
         part = _read(path, site, mount)
         notes += part.notes
         parts.append(part)
-    runs = [load_run(path) for path in logs]
+    runs = [load_run(path, satellites=True) for path in logs]
     site = _site_of(parts, runs, paths[0], site)
     frame = next((part.mount for part in parts if part.mount is not None), None)
     frame = runs[0].mount if runs and not parts else parse_mount(

@@ -24,6 +24,7 @@ from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.formats import read_run, write_csv
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run
@@ -151,6 +152,21 @@ def test_a_log_has_the_skyline_of_its_guard_and_the_site_of_its_observer(
     told['mount_guard']['horizon'] = str(tmp_path / 'absent.txt')
     run = load_run(night / 'bag')
     assert 'skyline' not in run.meta and 'absent.txt, which is not here' in run.meta['notes'][-1]
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_satellites_of_a_log_are_no_stars(monkeypatch, night):
+    stars = load_run(night / 'bag')['star']
+
+    def with_a_satellite(data):
+        run = cloud_to_run(data)
+        run.columns['star'] = np.where(run['star'] == stars[3], -22195, run['star'])
+        return run
+    monkeypatch.setattr('telescope_mount.run_loader.cloud_to_run', with_a_satellite)
+    run = load_run(night / 'bag')
+    assert len(run) == 15 and run['star'].min() > 0
+    assert '1 exposures of satellites left out: "satellite" fits them' in run.meta['notes']
+    assert -22195 in load_run(night / 'bag', satellites=True)['star']
 
 
 @pytest.mark.usefixtures('ros_domain')
