@@ -45,6 +45,15 @@ def header(ns, frame):
     return Header(stamp=to_stamp(ns), frame_id=frame)
 
 
+def _stamped(kind, ns, frame):
+    """A message of class `kind`; given parts would be made beside those that it makes itself."""
+    message = kind()
+    own = message.header
+    own.stamp.sec, own.stamp.nanosec = divmod(int(ns), 1_000_000_000)
+    own.frame_id = frame
+    return message
+
+
 def from_stamp(stamp):
     """Nanoseconds since 1970 of a ROS time message, int."""
     return stamp.sec * 1_000_000_000 + stamp.nanosec
@@ -64,9 +73,12 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
         Of the axes, one of `JOINTS`.
     """
     from sensor_msgs.msg import JointState
-    return JointState(
-        header=header(ns, frame), name=list(names), position=[float(v) for v in position],
-        velocity=[float(v) for v in velocity], effort=[float(v) for v in effort])
+    message = _stamped(JointState, ns, frame)
+    message.name = list(names)
+    for values, own in ((position, message.position), (velocity, message.velocity),
+                        (effort, message.effort)):
+        own.extend(map(float, values))
+    return message
 
 
 def joints_of(names):
@@ -131,24 +143,23 @@ def pose(ns, angles, covariance):
     covariance : array_like, shape (2, 2), or None
         Of them, rad²; NaN in the message where it is not known.
     """
-    from geometry_msgs.msg import Point, Pose, PoseWithCovariance, PoseWithCovarianceStamped
-    from geometry_msgs.msg import Quaternion as Turn
+    from geometry_msgs.msg import PoseWithCovarianceStamped
     halves = [0.5 * float(angle) for angle in angles]  # of each reading: numpy takes twice as long
     (s1, s2), (c1, c2) = map(math.sin, halves), map(math.cos, halves)
     (one, both), (_, two) = ((math.nan,) * 2,) * 2 if covariance is None else covariance
-    full = np.zeros(36)
+    message = _stamped(PoseWithCovarianceStamped, ns, AXES_FRAME)
+    turn, full = message.pose.pose.orientation, message.pose.covariance
+    turn.x, turn.y, turn.z, turn.w = -s1 * s2, -c1 * s2, -s1 * c2, c1 * c2
     full[28], full[29], full[34], full[35] = two, both, both, one
-    return PoseWithCovarianceStamped(header=header(ns, AXES_FRAME), pose=PoseWithCovariance(
-        pose=Pose(position=Point(), orientation=Turn(
-            x=-s1 * s2, y=-c1 * s2, z=-s1 * c2, w=c1 * c2)),
-        covariance=full))
+    return message
 
 
 def vector(ns, x, y):
     """A Vector3Stamped in `OPTICAL_FRAME`, whose z is 0."""
-    from geometry_msgs.msg import Vector3, Vector3Stamped
-    return Vector3Stamped(header=header(ns, OPTICAL_FRAME),
-                          vector=Vector3(x=float(x), y=float(y)))
+    from geometry_msgs.msg import Vector3Stamped
+    message = _stamped(Vector3Stamped, ns, OPTICAL_FRAME)
+    message.vector.x, message.vector.y = float(x), float(y)
+    return message
 
 
 def sky_vector(ns, right, up):
@@ -182,15 +193,16 @@ def trajectory(ns, times, positions, velocities, names=AXES):
     names : sequence of str
         Of the axes, one of `JOINTS`.
     """
-    from builtin_interfaces.msg import Duration
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-    message = JointTrajectory(header=header(ns, MOUNT_FRAME), joint_names=list(names))
+    message = _stamped(JointTrajectory, ns, MOUNT_FRAME)
+    message.joint_names = list(names)
     for t, position, velocity in zip(times, positions, velocities):
-        nanoseconds = round(t * 1e9)
-        message.points.append(JointTrajectoryPoint(
-            positions=[float(v) for v in position], velocities=[float(v) for v in velocity],
-            time_from_start=Duration(sec=nanoseconds // 1_000_000_000,
-                                     nanosec=nanoseconds % 1_000_000_000)))
+        point = JointTrajectoryPoint()
+        point.positions.extend(map(float, position))
+        point.velocities.extend(map(float, velocity))
+        since = point.time_from_start
+        since.sec, since.nanosec = divmod(round(t * 1e9), 1_000_000_000)
+        message.points.append(point)
     return message
 
 
