@@ -149,7 +149,8 @@ def _best(left, miss, wrong):
     explained = turned < EXPLAINED
     gain[(plain > CLEAR) & explained] = 1.2 * GAIN
     gain[(plain > EXPLAINED) & ~explained] = -EXPLAINED**2  # it is something else
-    total = np.pad(np.cumsum(gain, axis=1), ((0, 0), (1, 0)))
+    total = np.zeros((len(gain), left.shape[1] + 1))
+    np.cumsum(gain, axis=1, out=total[:, 1:])
     rise = total - np.minimum.accumulate(total, axis=1)
     best, found = GAIN, None
     for name, whole, own, end in zip(SENSES, total, rise, np.argmax(rise, axis=1)):
