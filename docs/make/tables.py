@@ -197,7 +197,7 @@ TABLES = {
     'season': Table('season.md', 'benchmarks/season.py --seasons 20',
                     ('calibration/analysis/season', 'calibration/estimation/kalman.py',
                      'benchmarks/season.py'), 'season ', '#'),
-    'revisits': Table('revisits.md', 'benchmarks/revisits.py --runs 30 --only steps white outliers',
+    'revisits': Table('revisits.md', 'benchmarks/revisits.py --only steps white outliers',
                       ('calibration/estimation/revisits.py',
                        'calibration/estimation/outlier_clusters.py',
                        'calibration/analysis/diagnosis/residual_patterns.py',
