@@ -191,7 +191,7 @@ def test_the_parameter_file_of_the_documentation_is_complete():
     flat = {name: values.pop(name) for name in ('mount', 'max_batch')} | {
         f'{axis}.{name}': value for axis, part in values.items() for name, value in part.items()}
     assert flat == {param.name: param.default for param in PARAMS}
-    assert all(type(flat[param.name]) is type(param.default) for param in PARAMS)
+    assert all(isinstance(flat[param.name], type(param.default)) for param in PARAMS)
 
 
 def test_parameters_tell_unit_and_range(graph):

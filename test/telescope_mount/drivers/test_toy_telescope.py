@@ -36,6 +36,7 @@ def test_its_camera_measures_a_satellite_that_the_axes_follow(monkeypatch):
     module, began = toy(), time.time()
 
     class Light:
+
         def place(self, when, site, weather):
             return tuple(start + rate * (when - began) * DEG for start, rate in zip(
                 (1.0, 0.8), RATES))
