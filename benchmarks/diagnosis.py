@@ -134,9 +134,12 @@ def _one_effect(table, args, rng, kind, names, what, sizes):
             s = scaled(c, on_az(c, angle), size)
         if s is None:
             continue
+        seed = int(rng.integers(2**31))
+        if name == 'annual_aberration':
+            continue  # physics fixes its size: at another it is not it
         count += 1
         result = diagnose(make_run(c, *(e + s)), cross_validation=False, flips=args.flips,
-                          seed=int(rng.integers(2**31)))
+                          seed=seed)
         found += bool(result.effects)
         told += result.verdict != 'none'
         ok = any(name in _shown(x) or x.fitted.effect.name.startswith(name)

@@ -227,7 +227,7 @@ class Chance:
     def _normal(self):
         return self._rng.standard_normal((SIMULATIONS, 2 * self._n))
 
-    def p_beyond_memory(self, problem, chosen, bank, groups, g):
+    def p_beyond_memory(self, problem, chosen, bank, mask, g):
         """`MemoryTest.p` of a group among those of its share, beside one choice of the problem."""
         # a curve without a cause, or that an effect changes, says no more than such noise
         if bank is not problem.dictionary:
@@ -235,7 +235,7 @@ class Chance:
         if self.of_part and problem.base.groups:
             return 1.0  # of runs with terms of their own it takes minutes in all folds together
         share = bank.effects[g].share
-        test = self._memory_test(problem, chosen, np.intersect1d(groups, bank.rivals(g)), share)
+        test = self._memory_test(problem, chosen, mask.covered(bank.rivals(g)), share)
         return test.p(g) if test is not None else 1.0
 
     def beyond_memory(self, problem, chosen, bank, mask, without=()):
@@ -258,9 +258,9 @@ class Chance:
         none = None, 1.0
         if bank is not problem.dictionary or self.of_part and problem.base.groups:
             return none
-        found, masked = [], np.flatnonzero(mask.groups)
+        found = []
         for share, groups in bank.shares.items():
-            some = np.setdiff1d(np.intersect1d(masked, groups), without)
+            some = np.setdiff1d(mask.covered(groups), without)
             test = self._memory_test(problem, chosen, some, share) if len(some) else None
             if test is not None:
                 found.append((*test.best(mask.scores.delta_bic, without), test))
@@ -290,10 +290,10 @@ class Chance:
         if problem.sequence is None or problem.base.groups:
             return  # of runs with terms of their own it takes minutes
         bank = problem.dictionary
-        groups = np.flatnonzero(MemoryMask(problem, chosen, bank, fit).groups)
+        mask = MemoryMask(problem, chosen, bank, fit)
         shares = {c.effect(problem).share for c in chosen if c.plain}
         for share in shares | {'dictionary'}:
-            some = np.intersect1d(groups, bank.shares.get(share, ()))
+            some = mask.covered(bank.shares.get(share, ()))
             if len(some):
                 self._memory_test(problem, chosen, some, share).by_chance  # noqa: B018
 

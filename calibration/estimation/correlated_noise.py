@@ -21,6 +21,7 @@ Biometrika 58, 545; REML) over a grid. In the order of time, differences e_i - p
 rows have a tridiagonal covariance: rows are whitened in O(n).
 """
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -421,7 +422,7 @@ def noise_memory(sequence, root, scale, columns, b):
             best = likelihood.climb(memories, _SIZES, best)
         if axis == 0 and best.gain > 0.0:
             # nearly the same curve: near the best of the other
-            likelihood = AxisLikelihood(sequence, axis, True, root, scale, columns, b)
+            likelihood = likelihood.with_factor()
             size = best.variance / (best.scale / scale[0])**2 / likelihood.typical
             best = likelihood.climb([best.memory], [size], best)
         out.append(best)
@@ -482,39 +483,55 @@ class AxisLikelihood:
         # what an axis does not tell apart would be rounding; noise changes nothing of that
         within = columns.rows(np.arange(len(b))[part])
         rows = within.basis(WhiteNoise((root[part] > 0.0).astype(float))).common
-        self._scaled, self._scale, self._own = scaled, scale[axis], len(own)
-        self._rows = AxisRows(root[part], sequence, scaled)
-        self._columns = self._rows.scaled(np.vstack((own, rows, b[part])))
-        self.few = len(self._rows.rows) < len(rows) + len(own) * len(self._rows.starts) + 3
+        self._sequence, self._root, self._scale = sequence, root[part], scale[axis]
+        self._own = len(own)
+        self._unscaled = np.vstack((own, rows, b[part]))
+        self._set(scaled)
+
+    def _set(self, scaled):
+        self._scaled, self._rows = scaled, AxisRows(self._root, self._sequence, scaled)
+        self._columns, ends = self._rows.scaled(self._unscaled), self._own * len(self._rows.starts)
+        self.few = len(self._rows.rows) < len(self._columns) - self._own + ends + 2
         if not self.few:
             white = self._rows.white
-            self.typical = float(np.median(white))
+            self.typical = float(np.mean(np.sort(white)[[(len(white) - 1) // 2, len(white) // 2]]))
             self._none = float(self._of((self._columns / np.sqrt(white))[:, None], np.log(
                 white).sum() - self._rows.log_scale)[0][0])
 
+    def with_factor(self):
+        """The same of a process that has the factor of the sequence."""
+        out = copy(self)
+        out._set(True)
+        return out
+
     def climb(self, memories, sizes, best):
         """The best of a grid, and then of a finer one about it."""
-        grid = _grid(memories, sizes)
-        tried = self.at(*grid)
-        if tried:
-            first = int(np.argmax([one.gain for one in tried]))
-            if tried[first].gain > 0.0:
-                tried += self.at(grid[0][first] * _MEMORY_STEP**_ABOUT[:, 0],
-                                 grid[1][first] * _SIZE_STEP**_ABOUT[:, 1])
-        return max([best, *tried], key=lambda one: one.gain)
+        if not len(memories):
+            return best
+        tried = self._tried(*_grid(memories, sizes))
+        memory, size, value, _ = tried[:, int(np.argmin(tried[2]))]
+        if value < self._none:
+            tried = np.hstack((tried, self._tried(memory * _MEMORY_STEP**_ABOUT[:, 0],
+                                                  size * _SIZE_STEP**_ABOUT[:, 1])))
+        return max(best, self._noise(*tried[:, int(np.argmin(tried[2]))]), key=lambda one: one.gain)
 
     def at(self, memories, sizes):
         """`AxisNoise` of each memory and size (over the variance of the white noise), in pairs."""
-        out, step = [], max(1, AT_ONCE // max(self._columns.size, 1))
+        return [self._noise(*one) for one in self._tried(memories, sizes).T]
+
+    def _tried(self, memories, sizes):
+        """Memories, sizes, -2 ln L and variances, shape (4, t)."""
+        out, step = np.array([memories, sizes, *np.empty((2, len(memories)))]), max(
+            1, AT_ONCE // max(self._columns.size, 1))
         for i in range(0, len(memories), step):
-            memory, size = memories[i:i + step], np.multiply(sizes[i:i + step], self.typical)
-            white, log_det = self._rows.whitened_by(self._columns, memory, size,
-                                                    np.ones(len(memory)))
-            found = self._of(white, log_det)
-            out += [AxisNoise(float(s * variance), float(m), self._scaled,
-                              self._scale * float(np.sqrt(variance)), float(self._none - value))
-                    for m, s, value, variance in zip(memory, size, *found)]
+            memory, size = out[:2, i:i + step]
+            out[2:, i:i + step] = self._of(*self._rows.whitened_by(
+                self._columns, memory, size * self.typical, np.ones(len(memory))))
         return out
+
+    def _noise(self, memory, size, value, variance):
+        return AxisNoise(float(size * self.typical * variance), float(memory), self._scaled,
+                         self._scale * float(np.sqrt(variance)), float(self._none - value))
 
     def _of(self, white, log_det):
         """-2 ln L restricted (but for a constant) of each try, and the variance of its rows.

@@ -50,7 +50,7 @@ _LEAST_RATIO = 12.0
 _SIZES, _WHITE = (0.1, 0.4, 1.6, 6.4, 25.0), (1.0, 0.0, 1.0)
 #: groups whose ratio is asked for: the one with the largest was among the first 20 of 50 to 400 by
 #: its score with the noise that was estimated, in 160 of 160 steps of two telescopes
-_LIKELY = 60
+_LIKELY = 40
 
 
 class MemoryMask:
@@ -70,6 +70,7 @@ class MemoryMask:
     def __init__(self, problem, chosen, bank, plain, without=None):
         self._sequence, self._bank, self._plain = problem.sequence, bank, plain
         self._make = lambda: problem.with_memory(plain, chosen, without)
+        self._asked, self._covered = np.zeros((2, len(bank)), bool)
 
     @classmethod
     def of(cls, problem, chosen, bank, plain, without=None):
@@ -98,11 +99,23 @@ class MemoryMask:
         """Of all groups, beside that fit."""
         return self._bank.score(self.fit)
 
-    @cached_property
-    def groups(self):
-        """Whether memory, if it is not reckoned with, inflates the variance of each score, (G,)."""
-        return self._inflates(self._plain.basis.off(
-            self._plain.noise.whiten(self._bank.columns)), self._bank.starts)
+    def covered(self, groups):
+        """Which of some groups (ascending) are of them, an ndarray.
+
+        Memory, if it is not reckoned with, inflates the variance of their scores.
+        """
+        groups = np.asarray(groups, int)
+        if not self.fit.memory or not len(groups):
+            return groups[:0]
+        new = groups[~self._asked[groups]]
+        if len(new):
+            sizes = np.diff(self._bank.starts, append=len(self._bank.columns))[new]
+            starts = np.cumsum(sizes) - sizes
+            columns = np.arange(sizes.sum()) + np.repeat(self._bank.starts[new] - starts, sizes)
+            self._covered[new] = self._inflates(self._plain.basis.off(
+                self._plain.noise.whiten(self._bank.columns[columns]), in_place=True), starts)
+            self._asked[new] = True
+        return groups[self._covered[groups]]
 
     def _inflates(self, columns, starts):
         """Of groups whose whitened columns, beyond the model, begin at `starts`."""

@@ -28,10 +28,11 @@ import numpy as np
 
 from pointing_model.rms import radial_arcsec
 
-from .candidates import CandidateGroup, best_of
+from .candidates import CandidateGroup, best_of, largest
 from .chance import ChanceTest
 from .folds import cross_validate_quickly
-from .linear_model import LIVE
+from .group_columns import orthonormal
+from .linear_model import DISTINCT, LIVE
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
 from .significance import SET_WIDTH, beside_memory, significance
@@ -169,18 +170,21 @@ def _mask(problem, choice, bank):
 
 
 def _masked(problem, choice, bank, mask, g, alpha, chance):
-    """Groups that noise with memory explains as well as chance: `g` and all weaker, or none."""
+    """Groups that noise with memory explains as well as chance: `g` and all weaker, or none.
+
+    Of those that pay: no other is asked for.
+    """
     if not mask.covers(g):
         return ()
     scores = bank.score(mask.fit, [g])
     if scores.dof[g] == 0:
         return (g,)
     if _beyond(chance, mask.fit, scores, g, alpha) or chance.p_beyond_memory(
-            problem, choice.chosen, bank, np.flatnonzero(mask.groups),
-            g) <= alpha * MEMORY_SHARE:
+            problem, choice.chosen, bank, mask, g) <= alpha * MEMORY_SHARE:
         return ()
-    z = ChanceTest(mask.fit, scores, g, np.flatnonzero(mask.groups)).all
-    return np.flatnonzero(mask.groups & (z <= z[g]))
+    some = mask.covered(np.flatnonzero(bank.score(choice.fit).delta_bic > 0.0))
+    z = ChanceTest(mask.fit, scores, g, np.union1d(some, [g])).all
+    return np.union1d(some[z[some] <= z[g]], [g])
 
 
 def _beyond_chance(problem, fit, alpha, chance, without):
@@ -225,31 +229,56 @@ def refine(problem, choice):
 def second_look(problem, choice, without=()):
     """Offer every choice all candidates again, with the others in; drop what does not pay."""
     for _ in range(_SWEEPS):
-        changed = False
-        i = 0
+        changed, i, gains = False, 0, None
         while i < len(choice.chosen) and len(choice.chosen) > 1:
             one = choice.chosen[i]
-            if (not one.plain or one.changes(choice.chosen) or one in choice.held
-                    or one in choice.against_memory):
+            if not _may_go(choice, one) or one in choice.against_memory:
                 i += 1
                 continue
-            fit = problem.fit(choice.chosen, choice.fit.weights, without=i)
-            scores = problem.dictionary.score(fit)
-            others = [*without, *(c.group for j, c in enumerate(choice.chosen)
-                                  if j != i and c.plain)]
-            g, gain = best_of(scores, others)
-            if gain <= 0.0:
+            if gains is None:
+                gains = _in_place(problem, choice)
+            mine = gains[one].copy()
+            mine[[*without, *(c.group for c in choice.chosen if c.plain and c != one)]] = -np.inf
+            g = largest(mine)
+            if mine[g] <= 0.0:
                 choice.dropped.append(choice.chosen.pop(i))
-                choice.fit = fit
-                changed = True
-                continue
-            if g != one.group and gain > scores.delta_bic[one.group] + 0.01:
+            elif g != one.group and mine[g] > gains[one][one.group] + 0.01:
                 choice.chosen[i] = CandidateGroup(g)
-                changed = True
-            i += 1
+                i += 1
+            else:
+                i += 1
+                continue
+            changed, gains = True, None
+            choice.fit = problem.fit(choice.chosen, choice.fit.weights)
         if not changed:
             break
-        choice.fit = problem.fit(choice.chosen, choice.fit.weights)
+
+
+def _may_go(choice, one):
+    """Whether one of a choice may be dropped or replaced by another of the dictionary."""
+    return one.plain and not one.changes(choice.chosen) and one not in choice.held
+
+
+def _in_place(problem, choice):
+    """Gains of the dictionary in the place of each of a choice that may go, at its weights.
+
+    Returns
+    -------
+    dict of CandidateGroup to ndarray of shape (G,)
+    """
+    design, fit, parts = problem.design(choice.chosen).common, choice.fit, {}
+    white = fit.noise.whiten(design)
+    length, white = np.sqrt(np.square(white).sum(axis=1)), white @ fit.basis.common.T
+    stop = len(design)
+    for one in reversed(choice.chosen):
+        own = slice(stop - len(one.columns(problem)), stop)
+        stop = own.start
+        if _may_go(choice, one):
+            others = orthonormal(np.delete(white, own, axis=0))
+            beyond = white[own] - (white[own] @ others.T) @ others
+            parts[one] = orthonormal(beyond[
+                np.sqrt(np.square(beyond).sum(axis=1)) > DISTINCT * length[own]])
+    return dict(zip(parts, problem.dictionary.gains_without(fit, problem.b, list(parts.values()))))
 
 
 def _add_change(problem, plain, choice, alpha, chance, given_up):
@@ -317,7 +346,7 @@ def _add_curve(problem, plain, choice, alpha, chance, given_up):
             return False
         _, g, keep = max(options)
         kept = [choice.chosen[i] for i in keep]
-        beside = ModelChoice(kept, plain.fit(kept))
+        beside = choice if kept == choice.chosen else ModelChoice(kept, plain.fit(kept))
         lost = _masked(problem, beside, problem.curves, _mask(problem, beside, problem.curves), g,
                        alpha, chance)
         if not len(lost):
@@ -348,8 +377,7 @@ def _replacements(problem, choice, without):
     """Curves that beat all dictionary effects of one driver together by more than the set width."""
     out = []
     drivers = [c.effect(problem).driver for c in choice.chosen]
-    free = [c.plain and not c.changes(choice.chosen) and c not in choice.held
-            for c in choice.chosen]
+    free = [_may_go(choice, c) for c in choice.chosen]
     for driver in {d for d, of in zip(drivers, free) if of}:
         keep = tuple(i for i, of in enumerate(free) if not of or drivers[i] != driver)
         fit = problem.fit([choice.chosen[i] for i in keep], choice.fit.weights)

@@ -114,7 +114,7 @@ def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
     p = chance.p(fit, scores, g, alpha) if scores.dof[g] else 1.0
     if masked and p > max(alpha, below) and scores.dof[g]:
         others = [c for j, c in enumerate(chosen) if j != i]
-        p = min(p, chance.p_beyond_memory(problem, others, bank, np.flatnonzero(mask.groups), g))
+        p = min(p, chance.p_beyond_memory(problem, others, bank, mask, g))
         # what memory is left is known with the group in the model
         scores = bank.score(problem.fit(chosen, weights, without=i,
                                         memory=problem.fit(chosen).memory), groups)

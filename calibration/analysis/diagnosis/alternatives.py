@@ -94,9 +94,8 @@ def repeated_choice(choice):
         if own not in found.chosen or other in found.chosen:
             return found
         model = _tried(problem, found, found.chosen.index(own), other.group, (), alpha, chance,
-                       partitions)
-        better = model is not None and model.behind < -SET_WIDTH and len(
-            model.choice.chosen) <= len(found.chosen)
+                       partitions, -SET_WIDTH)
+        better = model is not None and len(model.choice.chosen) <= len(found.chosen)
         return model.choice if better else found
     return either
 
@@ -194,8 +193,10 @@ def signal_shares(problem, choice, i):
     return out
 
 
-def _tried(problem, choice, i, g, near, alpha, chance, partitions):
-    """`AlternativeModel` to a found effect; None where it does not hold so."""
+def _tried(problem, choice, i, g, near, alpha, chance, partitions, below=np.inf):
+    """`AlternativeModel` to a found effect; None where it does not hold so, or is not `below` some
+    BIC behind: what does not hold only adds to that.
+    """
     bank, own, other = problem.dictionary, choice.chosen[i], CandidateGroup(g)
     # the found one and its other alternatives would only share the lead
     causes = {bank.effects[k].cause_summary for k in (own.group, *near) if k != g}
@@ -206,13 +207,15 @@ def _tried(problem, choice, i, g, near, alpha, chance, partitions):
         return None
     model = search(problem, alpha, chance, out, first=(other,))
     for folds in ((), partitions) if partitions else ((),):  # rows left out take the longest
+        if not bic_behind(problem, choice, model) < below:
+            return None
         settled(problem, model, alpha, chance, folds, alone=True)
         if other not in model.chosen:
             return None
         distance = bic_behind(problem, choice, model)
         if distance >= _FAR:
             break
-    return AlternativeModel(other, model, distance)
+    return AlternativeModel(other, model, distance) if distance < below else None
 
 
 def bic_behind(problem, first, second):
