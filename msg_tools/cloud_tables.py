@@ -19,7 +19,7 @@ from itertools import count
 
 import numpy as np
 
-from .convert import MOUNT_FRAME, header
+from .convert import MOUNT_FRAME, stamped
 
 _FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
 # x, y, z as float32 and a gap, so that the float64 begin at a multiple of 8 bytes: so many of those
@@ -38,14 +38,13 @@ def table_to_cloud(columns, ns, points=None):
     points : array_like, shape (3, n), optional
         x, y, z for programs that draw the points, ahead of the columns as float32: `MOUNT_FRAME`.
     """
-    from sensor_msgs.msg import PointCloud2, PointField
-    rows = _rows(columns, points)
-    return PointCloud2(
-        header=header(ns, MOUNT_FRAME), height=1, width=len(rows), fields=[
-            PointField(name=name, offset=offset, datatype=datatype, count=1)
-            for name, offset, datatype in _fields(tuple(columns), points is not None)],
-        is_bigendian=False, point_step=8 * rows.shape[1], row_step=rows.nbytes,
-        data=rows.tobytes(), is_dense=True)
+    from sensor_msgs.msg import PointCloud2
+    rows, message = _rows(columns, points), stamped(PointCloud2, ns, MOUNT_FRAME)
+    message.height, message.width, message.is_dense = 1, len(rows), True
+    message.fields = list(_fields(tuple(columns), points is not None))
+    message.point_step, message.row_step = 8 * rows.shape[1], rows.nbytes
+    message.data = rows.tobytes()
+    return message
 
 
 def _rows(columns, points):
@@ -61,10 +60,13 @@ def _rows(columns, points):
 
 @lru_cache(maxsize=16)
 def _fields(names, drawn):
-    """Name, offset and type of each field."""
+    """The PointFields, made once: nobody changes them."""
+    from sensor_msgs.msg import PointField
     first = 8 * _DRAWN if drawn else 0
-    return (*((name, 4 * i, _FLOAT32) for i, name in enumerate('xyz' if drawn else '')),
-            *zip(names, count(first, 8), [_FLOAT64] * len(names)))
+    return tuple(PointField(name=name, offset=offset, datatype=datatype, count=1)
+                 for name, offset, datatype in (
+                     *((name, 4 * i, _FLOAT32) for i, name in enumerate('xyz' if drawn else '')),
+                     *zip(names, count(first, 8), [_FLOAT64] * len(names))))
 
 
 def cloud_to_table(message, required=(), what='table'):

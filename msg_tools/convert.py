@@ -45,8 +45,11 @@ def header(ns, frame):
     return Header(stamp=to_stamp(ns), frame_id=frame)
 
 
-def _stamped(kind, ns, frame):
-    """A message of class `kind`; given parts would be made beside those that it makes itself."""
+def stamped(kind, ns, frame):
+    """A message of class `kind` with a stamp (ns) and a ``frame_id``.
+
+    Given parts would be made beside those that it makes itself.
+    """
     message = kind()
     own = message.header
     own.stamp.sec, own.stamp.nanosec = divmod(int(ns), 1_000_000_000)
@@ -73,7 +76,7 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
         Of the axes, one of `JOINTS`.
     """
     from sensor_msgs.msg import JointState
-    message = _stamped(JointState, ns, frame)
+    message = stamped(JointState, ns, frame)
     message.name = list(names)
     for values, own in ((position, message.position), (velocity, message.velocity),
                         (effort, message.effort)):
@@ -147,7 +150,7 @@ def pose(ns, angles, covariance):
     halves = [0.5 * float(angle) for angle in angles]  # of each reading: numpy takes twice as long
     (s1, s2), (c1, c2) = map(math.sin, halves), map(math.cos, halves)
     (one, both), (_, two) = ((math.nan,) * 2,) * 2 if covariance is None else covariance
-    message = _stamped(PoseWithCovarianceStamped, ns, AXES_FRAME)
+    message = stamped(PoseWithCovarianceStamped, ns, AXES_FRAME)
     turn, full = message.pose.pose.orientation, message.pose.covariance
     turn.x, turn.y, turn.z, turn.w = -s1 * s2, -c1 * s2, -s1 * c2, c1 * c2
     full[28], full[29], full[34], full[35] = two, both, both, one
@@ -157,7 +160,7 @@ def pose(ns, angles, covariance):
 def vector(ns, x, y):
     """A Vector3Stamped in `OPTICAL_FRAME`, whose z is 0."""
     from geometry_msgs.msg import Vector3Stamped
-    message = _stamped(Vector3Stamped, ns, OPTICAL_FRAME)
+    message = stamped(Vector3Stamped, ns, OPTICAL_FRAME)
     message.vector.x, message.vector.y = float(x), float(y)
     return message
 
@@ -194,7 +197,7 @@ def trajectory(ns, times, positions, velocities, names=AXES):
         Of the axes, one of `JOINTS`.
     """
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-    message = _stamped(JointTrajectory, ns, MOUNT_FRAME)
+    message = stamped(JointTrajectory, ns, MOUNT_FRAME)
     message.joint_names = list(names)
     for t, position, velocity in zip(times, positions, velocities):
         point = JointTrajectoryPoint()

@@ -20,7 +20,6 @@ published. A line that a crash has cut short is left out.
 
 import json
 import os
-from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
@@ -124,7 +123,9 @@ class NightFile:
 
     def plan_state(self, progress, evening, before):
         """Keep where the plan is; see `NightState`."""
-        entry = {'plan': asdict(progress), 'evening': evening, 'before': before}
+        if not self._path:
+            return
+        entry = {'plan': progress.rows(), 'evening': evening, 'before': before}
         place = {**entry['plan'], 'observations': 0, 'run': 0}
         if progress.state == 'waiting':
             place['state'] = 'observing'
