@@ -23,7 +23,6 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParametersAtomically
 
 from msg_tools import convert, topics
-from msg_tools.status_rows import Progress
 
 from .plan import goal_uuid, parse_plan
 
@@ -31,8 +30,9 @@ from .plan import goal_uuid, parse_plan
 STATES = {'waiting': GoalStatus.STATUS_ACCEPTED, 'observing': GoalStatus.STATUS_EXECUTING,
           'done': GoalStatus.STATUS_SUCCEEDED, 'cancelled': GoalStatus.STATUS_CANCELED,
           'failed': GoalStatus.STATUS_ABORTED}
-#: of `Progress`, what is a number
-NUMBERS = tuple(name for name, value in Progress().rows().items() if isinstance(value, int))
+#: numbers of the feedback -> those of `Progress`; a step counts from 1 here
+NUMBERS = {'step_done': 'done', 'step_total': 'total', 'observations': 'observations',
+           'power_on': 'run', 'lost': 'lost', 'refused': 'refused', 'forgotten': 'forgotten'}
 _ENDED = GoalStatus.STATUS_SUCCEEDED
 _ARGUMENT = {
     ParameterType.PARAMETER_NOT_SET: lambda value: '',
@@ -150,8 +150,8 @@ class PlanTopics:
             self._state_pub.publish(GoalStatusArray(status_list=[self._goal]))
         message = DiagnosticArray(status=[
             convert.status(b'\0', 'plan', progress.step, state=state,
-                           steps=progress.steps,
-                           **{name: getattr(progress, name) for name in NUMBERS}),
+                           step=progress.block + 1, steps=progress.steps,
+                           **{key: getattr(progress, name) for key, name in NUMBERS.items()}),
             *convert.figures(stamp, self.results).status])
         message.header.stamp = convert.to_stamp(stamp)
         self._feedback_pub.publish(message)

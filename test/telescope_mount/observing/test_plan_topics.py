@@ -85,8 +85,8 @@ def test_goal_states_and_feedback(graph):
         tuple(goals[0].goal_info.goal_id.uuid)}
     assert [goal.status for goal in goals] == sorted(goal.status for goal in goals)
     last = {row.key: float(row.value) for row in feedback[-1].status[0].values}
-    assert set(last) == {'state', 'steps', *NUMBERS} and len(last) <= 15
-    assert (last['steps'], last['block']) == (1.0, 0.0)
+    assert set(last) == {'state', 'step', 'steps', *NUMBERS} and len(last) <= 15
+    assert (last['step'], last['steps'], last['step_done'], last['step_total']) == (1, 1, 2, 2)
     assert (last['observations'], last['state']) == (2.0, GoalStatus.STATUS_SUCCEEDED)
     assert ask(('stars', 1)).successful
     graph.wait_for(lambda: tuple(states[-1].status_list[0].goal_info.goal_id.uuid) != tuple(
