@@ -419,8 +419,10 @@ def settled(problem, choice, alpha, chance, partitions, alone=False):
     -------
     ModelChoice
     """
+    failing = []
     while True:
-        weakest = _weakest(problem, choice, alpha, chance, alone or chance.of_part)
+        weakest, failing = _weakest(problem, choice, alpha, chance, alone or chance.of_part,
+                                    failing)
         if weakest is not None:
             choice.dropped.append(choice.chosen.pop(weakest))
         else:
@@ -442,19 +444,34 @@ def significances(problem, choice, alpha, chance, alone=False):
             for i in range(len(choice.chosen))]
 
 
-def _weakest(problem, choice, alpha, chance, alone):
-    """Which of a choice does not hold beside the others, of several the likeliest by chance."""
-    weakest, most = None, -1.0
-    for i in reversed(range(len(choice.chosen))):
-        # an effect stays while it changes: in the middle of the night it may be small
-        if choice.chosen[i].changes(choice.chosen):
-            continue
-        one = significance(problem, choice, i, chance, alpha, alone, most)
-        if (one.p > alpha or one.delta_bic <= 0.0) and one.p > most:
-            weakest, most = i, one.p
-            if most >= 1.0:
-                break
-    return weakest
+def _weakest(problem, choice, alpha, chance, alone, failing):
+    """Which of a choice does not hold beside the others, of several the likeliest by chance.
+
+    Those that failed before are asked first.
+
+    Returns
+    -------
+    weakest : int or None
+    failing : list of CandidateGroup
+        Others that do not hold.
+    """
+    for asked in (failing, choice.chosen):
+        weakest, most, failing = None, -1.0, []
+        for i in reversed(range(len(choice.chosen))):
+            one = choice.chosen[i]
+            # an effect stays while it changes: in the middle of the night it may be small
+            if one not in asked or one.changes(choice.chosen):
+                continue
+            found = significance(problem, choice, i, chance, alpha, alone, most)
+            if found.p > alpha or found.delta_bic <= 0.0:
+                failing.append(one)
+                if found.p > most:
+                    weakest, most = i, found.p
+                if most >= 1.0:
+                    break
+        if weakest is not None:
+            break
+    return weakest, [one for one in failing if one != choice.chosen[weakest]]
 
 
 def _gains(problem, choice, folds):
