@@ -414,19 +414,35 @@ def noise_memory(sequence, root, scale, columns, b):
     tuple of AxisNoise
         Of x and y.
     """
-    out, memories = [], sequence.memories
-    for axis in (0, 1):
-        best = AxisNoise(scale=scale[axis])
-        likelihood = AxisLikelihood(sequence, axis, False, root, scale, columns, b)
-        if not likelihood.few:
-            best = likelihood.climb(memories, _SIZES, best)
-        if axis == 0 and best.gain > 0.0:
-            # nearly the same curve: near the best of the other
-            likelihood = likelihood.with_factor()
-            size = best.variance / (best.scale / scale[0])**2 / likelihood.typical
-            best = likelihood.climb([best.memory], [size], best)
-        out.append(best)
-    return tuple(out)
+    return MemorySearch(sequence, root, scale, columns, b).noise()
+
+
+class MemorySearch:
+    """What `noise_memory` finds, also without some columns: most is the same for all of these.
+
+    Parameters are as of `noise_memory`.
+    """
+
+    def __init__(self, sequence, root, scale, columns, b):
+        self._memories, self._scale, self._with_factor = sequence.memories, scale, None
+        self._axes = [AxisLikelihood(sequence, axis, False, root, scale, columns, b)
+                      for axis in (0, 1)]
+
+    def noise(self, without=()):
+        """`AxisNoise` of x and y, without some of the common columns (indices)."""
+        out = []
+        for axis, every in enumerate(self._axes):
+            best, likelihood = AxisNoise(scale=self._scale[axis]), every.without(without)
+            if not likelihood.few:
+                best = likelihood.climb(self._memories, _SIZES, best)
+            if axis == 0 and best.gain > 0.0:
+                # nearly the same curve: near the best of the other
+                self._with_factor = self._with_factor or every.with_factor()
+                likelihood = self._with_factor.without(without)
+                size = best.variance / (best.scale / self._scale[0])**2 / likelihood.typical
+                best = likelihood.climb([best.memory], [size], best)
+            out.append(best)
+        return tuple(out)
 
 
 def likely_memories(sequence, root, memory, scale, columns, b):
@@ -482,21 +498,38 @@ class AxisLikelihood:
         own = own[np.abs(own).max(axis=1, initial=0.0) > 0.0]
         # what an axis does not tell apart would be rounding; noise changes nothing of that
         within = columns.rows(np.arange(len(b))[part])
-        rows = within.basis(WhiteNoise((root[part] > 0.0).astype(float))).common
+        live = (root[part] > 0.0).astype(float)
+        rows = within.basis(WhiteNoise(live)).common
         self._sequence, self._root, self._scale = sequence, root[part], scale[axis]
-        self._own = len(own)
+        self._own, self._common = len(own), (within.common * live) @ rows.T
+        self._alone = columns.alone
         self._unscaled = np.vstack((own, rows, b[part]))
         self._set(scaled)
 
     def _set(self, scaled):
         self._scaled, self._rows = scaled, AxisRows(self._root, self._sequence, scaled)
-        self._columns, ends = self._rows.scaled(self._unscaled), self._own * len(self._rows.starts)
-        self.few = len(self._rows.rows) < len(self._columns) - self._own + ends + 2
+        self._columns = self._rows.scaled(self._unscaled)
+        white = self._rows.white
+        self.typical = float(np.mean(np.sort(white)[[(len(white) - 1) // 2, len(white) // 2]])) \
+            if len(white) else 1.0
+        self._products = {}  # of each noise
+        self._turn(np.eye(len(self._common.T)))
+
+    def _turn(self, basis):
+        """Let the design be what of the columns has this basis (j, k)."""
+        self._basis = np.zeros((len(basis) + 1, len(basis.T) + 1))
+        self._basis[:-1, :-1], self._basis[-1, -1] = basis, 1.0
+        self.few = len(self._rows.rows) < len(basis) + self._own * len(self._rows.starts) + 3
         if not self.few:
-            white = self._rows.white
-            self.typical = float(np.mean(np.sort(white)[[(len(white) - 1) // 2, len(white) // 2]]))
-            self._none = float(self._of((self._columns / np.sqrt(white))[:, None], np.log(
-                white).sum() - self._rows.log_scale)[0][0])
+            self._none = float(self._of(None)[0][0])
+
+    def without(self, columns):
+        """The same without some of the common columns (indices)."""
+        if not len(columns):
+            return self
+        out = copy(self)
+        out._turn(self._alone(np.delete(self._common, columns, axis=0)).basis().common)
+        return out
 
     def with_factor(self):
         """The same of a process that has the factor of the sequence."""
@@ -521,25 +554,51 @@ class AxisLikelihood:
 
     def _tried(self, memories, sizes):
         """Memories, sizes, -2 ln L and variances, shape (4, t)."""
-        out, step = np.array([memories, sizes, *np.empty((2, len(memories)))]), max(
-            1, AT_ONCE // max(self._columns.size, 1))
-        for i in range(0, len(memories), step):
-            memory, size = out[:2, i:i + step]
-            out[2:, i:i + step] = self._of(*self._rows.whitened_by(
-                self._columns, memory, size * self.typical, np.ones(len(memory))))
-        return out
+        noises = np.array([memories, sizes])
+        return np.vstack((noises, self._of(noises) if len(noises.T) else noises))
 
     def _noise(self, memory, size, value, variance):
         return AxisNoise(float(size * self.typical * variance), float(memory), self._scaled,
                          self._scale * float(np.sqrt(variance)), float(self._none - value))
 
-    def _of(self, white, log_det):
-        """-2 ln L restricted (but for a constant) of each try, and the variance of its rows.
+    def _of(self, noises):
+        """-2 ln L restricted (but for a constant) of noises, and the variance of the rows.
 
-        Of columns, shape (k, t, m). What each run fits for itself comes first in them: no row of
-        one run has to do with those of another, so it is taken out run by run.
+        Noises are memories and sizes, shape (2, t), None of white noise.
         """
-        taken, fitted = 0, 0.0
+        key = None if noises is None else noises.tobytes()
+        if key not in self._products:
+            self._products[key] = self._products_of(noises)
+        products, log_det, taken = self._products[key]
+        return restricted(self._basis @ products @ self._basis.T, log_det,
+                          len(self._rows.rows) - taken)
+
+    def _products_of(self, noises):
+        if noises is None:
+            white = self._rows.white
+            return self._left((self._columns / np.sqrt(white))[:, None],
+                              np.log(white).sum(keepdims=True) - self._rows.log_scale)
+        step = max(1, AT_ONCE // max(self._columns.size, 1))
+        parts = [self._left(*self._rows.whitened_by(
+            self._columns, memory, size * self.typical, np.ones(len(memory))))
+            for memory, size in (noises[:, i:i + step] for i in range(0, len(noises.T), step))]
+        return [np.concatenate(of) for of in zip(*parts)]
+
+    def _left(self, white, log_det):
+        """Products of columns, shape (k, t, m), for `restricted`, of each try.
+
+        What each run fits for itself comes first in them: no row of one run has to do with those
+        of another, so it is taken out run by run.
+
+        Returns
+        -------
+        products : ndarray, shape (t, j, j)
+        log_det : ndarray, shape (t,)
+            With that of what was taken out.
+        taken : ndarray of int, shape (t,)
+            Numbers that were.
+        """
+        taken = np.zeros(white.shape[1], int)
         if self._own:
             _, tries, n = white.shape
             starts = (self._rows.starts + n * np.arange(tries)[:, None]).ravel()
@@ -552,25 +611,26 @@ class AxisLikelihood:
             p = inverse @ (vectors.transpose(0, 2, 1) @ np.add.reduceat(
                 own[:, :, None] * rest[:, None, :], starts))
             taken = live.reshape(tries, -1).sum(axis=1)
-            fitted = np.log(np.where(live, values, 1.0)).reshape(tries, -1).sum(axis=1)
+            log_det = log_det + np.log(np.where(live, values, 1.0)).reshape(tries, -1).sum(axis=1)
             rest = rest - np.einsum('nj,njk->nk', own,
                                     np.repeat(p, np.tile(self._rows.lengths, tries), axis=0))
             white = rest.T.reshape(-1, tries, n)
-        return restricted(white.transpose(1, 0, 2), log_det + fitted, taken)
+        white = white.transpose(1, 0, 2)
+        return white @ white.transpose(0, 2, 1), log_det, taken
 
 
-def restricted(columns, log_det, taken=0):
+def restricted(products, log_det, free):
     """-2 ln L restricted, the variance by the rows themselves.
 
     Parameters
     ----------
-    columns : ndarray, shape (..., k + 1, n)
-        Whitened: the design, of which no column depends on others, and behind it what it is
-        fitted to.
+    products : ndarray, shape (..., k + 1, k + 1)
+        Of whitened columns with each other: the design, of which none depends on others, and
+        behind it what it is fitted to.
     log_det : float or ndarray, shape (...)
         Of the covariance they are whitened by, but for the variance.
-    taken : int or ndarray, shape (...)
-        Numbers that were fitted before.
+    free : int or ndarray, shape (...)
+        Rows less the numbers that were fitted before.
 
     Returns
     -------
@@ -578,16 +638,16 @@ def restricted(columns, log_det, taken=0):
         But for a constant.
     variance : ndarray, shape (...)
     """
-    n, k = columns.shape[-1], columns.shape[-2] - 1
-    gram = columns @ np.swapaxes(columns, -1, -2)
-    length = np.sqrt(np.diagonal(gram, axis1=-2, axis2=-1))
+    k = products.shape[-1] - 1
+    length = np.sqrt(np.diagonal(products, axis1=-2, axis2=-1))
     length = np.where(length > 0.0, length, 1.0)
+    unit = products / (length[..., None] * length[..., None, :])
     try:
-        root = np.linalg.cholesky(gram / (length[..., None] * length[..., None, :]))
-    except np.linalg.LinAlgError:  # rounding; of the columns themselves it takes six times as long
-        root = np.linalg.qr(np.swapaxes(columns / length[..., None], -1, -2), mode='r')
-    diagonal = np.abs(np.diagonal(root, axis1=-2, axis2=-1)) * length
-    free = np.maximum(n - taken - k, 1)
+        root = np.linalg.cholesky(unit)
+    except np.linalg.LinAlgError:  # rounding
+        root = np.linalg.cholesky(unit + EIGEN * np.eye(k + 1))
+    diagonal = np.diagonal(root, axis1=-2, axis2=-1) * length
+    free = np.maximum(free - k, 1)
     variance = np.maximum(np.square(diagonal[..., -1]) / free, 1e-300)
     logs = np.log(np.maximum(diagonal[..., :-1], 1e-300)).sum(-1)
     return free * np.log(variance) + log_det + 2.0 * logs, variance

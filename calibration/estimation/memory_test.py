@@ -65,19 +65,21 @@ class MemoryMask:
         Of the choice, without memory.
     without : int, optional
         Of `chosen`, that is left out.
+    beside : WeightedFit, optional
+        Of all of `chosen`.
     """
 
-    def __init__(self, problem, chosen, bank, plain, without=None):
+    def __init__(self, problem, chosen, bank, plain, without=None, beside=None):
         self._sequence, self._bank, self._plain = problem.sequence, bank, plain
-        self._make = lambda: problem.with_memory(plain, chosen, without)
+        self._make = lambda: problem.with_memory(plain, chosen, without, beside=beside)
         self._asked, self._covered = np.zeros((2, len(bank)), bool)
 
     @classmethod
-    def of(cls, problem, chosen, bank, plain, without=None):
+    def of(cls, problem, chosen, bank, plain, without=None, beside=None):
         """The mask, made once for each fit and bank."""
         key = cls, bank
         if key not in plain.known:
-            plain.known[key] = cls(problem, chosen, bank, plain, without)
+            plain.known[key] = cls(problem, chosen, bank, plain, without, beside)
         return plain.known[key]
 
     def covers(self, g):

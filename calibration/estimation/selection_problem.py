@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .candidates import CandidateBank, CandidateGroup
-from .correlated_noise import AxisNoise, Sequence, likely_memories
+from .correlated_noise import AxisNoise, MemorySearch, Sequence, likely_memories
 from .group_columns import GroupColumns
 from .linear_model import memory_of, weighted_fit, with_memory
 from .periodogram import PeriodBank
@@ -143,14 +143,19 @@ class SelectionProblem:
             self._fits[key] = fit, data
         return self.with_memory(fit, chosen, without, memory)
 
-    def with_memory(self, fit, chosen, without=None, memory=None):
-        """A fit without memory, with the memory that its noise has; parameters as of `fit`."""
+    def with_memory(self, fit, chosen, without=None, memory=None, beside=None):
+        """A fit without memory, with the memory that its noise has; parameters as of `fit`.
+
+        `beside` is the fit of all of `chosen`, at whose weights that memory may be sought.
+        """
         if self.sequence is None:
             return fit
         if memory is None:
             key = frozenset(c for i, c in enumerate(chosen) if i != without)
             if key not in self._memories:
-                self._memories[key] = memory_of(fit, self.design(chosen, without), self.sequence)
+                self._memories[key] = (
+                    memory_of(fit, self.design(chosen, without), self.sequence)
+                    if beside is None else self._memory_without(chosen, without, beside))
             memory = self._memories[key]
         if not any(one.variance > 0.0 for one in memory):
             return fit
@@ -158,6 +163,15 @@ class SelectionProblem:
             fit.known[memory] = with_memory(fit, self.design(chosen, without), self.b,
                                             self.sequence, memory)
         return fit.known[memory]
+
+    def _memory_without(self, chosen, without, beside):
+        """`noise_memory` without one of a choice, of which a fit with all is there."""
+        if MemorySearch not in beside.known:
+            beside.known[MemorySearch] = MemorySearch(
+                self.sequence, beside.noise.root, beside.scale, self.design(chosen), self.b)
+        sizes = [len(self.base.common), *(len(c.columns(self)) for c in chosen)]
+        start = sum(sizes[:without + 1])
+        return beside.known[MemorySearch].noise(np.arange(start, start + sizes[without + 1]))
 
     def likely_memories(self, chosen):
         """`correlated_noise.likely_memories` with a choice in the model."""

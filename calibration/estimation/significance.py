@@ -103,7 +103,7 @@ def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
     chosen, weights = choice.chosen, choice.fit.weights
     bank, g = chosen[i].family(problem, chosen)
     fit = problem.plain.fit(chosen, weights, without=i)
-    mask = MemoryMask.of(problem, chosen, bank, fit, i)
+    mask = MemoryMask.of(problem, chosen, bank, fit, i, choice.fit)
     masked = not chosen[i].period and mask.covers(g)
     if chosen[i].period:
         fit = beside_memory(problem, chosen, i, fit) or fit
