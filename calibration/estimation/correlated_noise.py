@@ -67,11 +67,27 @@ class Sequence:
         gap[np.diff(run[self.order], prepend=run[self.order[:1]]) != 0] = np.inf
         #: to the row before in `order`; infinite where a run begins
         self.gap = gap
+        self._known = {}
 
     def rows(self, rows):
         """Of some rows (indices)."""
         return Sequence(self.position[rows], self.run[rows], self.factor[rows], self.timed,
                         self.group[rows])
+
+    def some(self, keep):
+        """Rows of a mask (n,) in their order, the gap before each, starts and lengths of runs."""
+        key = keep.tobytes()
+        if key not in self._known:
+            keep = keep[self.order]
+            rows = self.order[keep]
+            # over rows that are left out the gaps add up
+            since = np.cumsum(np.where(np.isfinite(self.gap), self.gap, 0.0))[keep]
+            gap, run = np.diff(since, prepend=-np.inf), self.run[rows]
+            first = np.diff(run, prepend=run[:1]) != 0
+            gap[first] = np.inf
+            starts = np.append(0, np.flatnonzero(first))
+            self._known[key] = rows, gap, starts, np.diff(np.append(starts, len(run)))
+        return self._known[key]
 
     @property
     def span(self):
@@ -264,18 +280,8 @@ class AxisRows:
 
     def __init__(self, root, sequence, scaled):
         self.all = len(root)
-        keep = root[sequence.order] > 0.0
-        self.rows = sequence.order[keep]
+        self.rows, self.gap, self.starts, self.lengths = sequence.some(root > 0.0)
         self._as_they_stand = np.array_equal(self.rows, np.arange(self.all))
-        # over rows that are left out the gaps add up
-        since = np.cumsum(np.where(np.isfinite(sequence.gap), sequence.gap, 0.0))[keep]
-        self.gap = np.diff(since, prepend=-np.inf)
-        run = sequence.run[self.rows]
-        first = np.diff(run, prepend=run[:1]) != 0
-        self.gap[first] = np.inf
-        #: where each run begins
-        self.starts = np.append(0, np.flatnonzero(first))
-        self.lengths = np.diff(np.append(self.starts, len(run)))
         self._scale = 1.0 / sequence.factor[self.rows] if scaled else np.ones(len(self.rows))
         #: variance beside the process
         self.white = np.square(self._scale / root[self.rows])

@@ -80,8 +80,8 @@ class WeightedFit:
         By which the rows are whitened.
     residual : ndarray, shape (2n,)
         Whitened.
-    raw : ndarray, shape (2n,)
-        Radians.
+    left : ndarray, shape (2n,), or callable
+        `raw`, or what gives it when it is asked for: few ask.
     weights : ndarray, shape (n,)
         Robust, 0 to 1.
     scale : ndarray, shape (2,)
@@ -95,7 +95,7 @@ class WeightedFit:
     basis: Basis
     noise: object
     residual: np.ndarray
-    raw: np.ndarray
+    left: object
     weights: np.ndarray
     scale: np.ndarray
     memory: tuple = ()
@@ -105,6 +105,13 @@ class WeightedFit:
     def n(self):
         """Rows."""
         return len(self.weights)
+
+    @property
+    def raw(self):
+        """What is left, radians, shape (2n,)."""
+        if callable(self.left):
+            self.left = self.left()
+        return self.left
 
 
 def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trusted=None):
@@ -194,5 +201,5 @@ def with_memory(fit, columns, b, sequence, memory):
     """
     noise = CorrelatedNoise.beside(fit.noise, fit.scale, sequence, memory)
     basis = columns.quickest().basis(noise)
-    return WeightedFit(basis, noise, basis.off(noise.whiten(b)), columns.left_of(b, noise),
-                       fit.weights, fit.scale, memory)
+    return WeightedFit(basis, noise, basis.off(noise.whiten(b)),
+                       lambda: columns.left_of(b, noise), fit.weights, fit.scale, memory)
