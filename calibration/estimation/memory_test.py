@@ -294,24 +294,28 @@ class _Products(NamedTuple):
 def _products(rows, columns, noises, bank, axis, k):
     """`_Products` of columns (k + ... + m, n), scaled rows of an axis."""
     parts, count = [], len(bank.columns)
-    some = bank.on_axis(axis)
+    some, here = bank.on_axis(axis), np.flatnonzero(columns[:k].any(axis=1))
     places = np.full(count, -1)
     places[some] = np.arange(len(some))
-    columns = np.concatenate((columns[:k], columns[k:k + count][some], columns[k + count:]))
+    columns = np.concatenate((columns[here], columns[k:k + count][some], columns[k + count:]))
+    onto = np.append(here, np.arange(k, k + len(columns) - len(here) - len(some)))
     step = max(1, AT_ONCE // max(columns.size, 1))
     for i in range(0, len(noises), step):
         white, log_det = rows.whitened_by(columns, *noises[i:i + step].T)
         white = white.transpose(1, 0, 2)
-        design, groups, values = np.split(white, [k, k + len(some)], axis=1)
+        design, groups, values = np.split(white, [len(here), len(here) + len(some)], axis=1)
+        both = np.concatenate((design, values), axis=1).transpose(0, 2, 1)
         across = np.zeros((len(white), count, k + values.shape[1]))
-        across[:, some] = groups @ np.concatenate((design, values), axis=1).transpose(0, 2, 1)
-        parts.append([log_det, design @ design.transpose(0, 2, 1),
-                      design @ values.transpose(0, 2, 1), np.square(values).sum(axis=2)])
+        across[:, some[:, None], onto] = groups @ both
+        of_design = np.zeros((len(white), k, k + values.shape[1]))
+        of_design[:, here[:, None], onto] = design @ both
+        parts.append([log_det, of_design[..., :k], of_design[..., k:],
+                      np.square(values).sum(axis=2)])
         for _, at in bank.by_size():
             own = np.zeros((len(white), *at.shape, at.shape[1]))
-            here = np.flatnonzero(places[at[:, 0]] >= 0)
-            of = groups[:, places[at[here]]]
-            own[:, here] = of @ of.transpose(0, 1, 3, 2)
+            there = np.flatnonzero(places[at[:, 0]] >= 0)
+            of = groups[:, places[at[there]]]
+            own[:, there] = of @ of.transpose(0, 1, 3, 2)
             parts[-1] += [own, across[:, at, :k], across[:, at, k:]]
     parts = [np.concatenate(part) for part in zip(*parts)]
     return _Products(*parts[:4], [(which, *parts[4 + 3 * j:7 + 3 * j])
