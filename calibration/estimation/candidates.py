@@ -296,9 +296,9 @@ class CandidateBank:
         model = np.vstack((fit.basis.common, fit.residual))
         model = model.reshape(len(model), 2, -1).transpose(1, 0, 2)
         within = [of[:-1] @ of.T for of in model]
-        turned, of_axes, rss = out.transpose(0, 2, 1), [], []
+        turned, of_axes, rss = out.reshape(onto_out.size, out.shape[2]).T, [], []
         for of, one in zip(model, within):  # the directions with each other, and with what is left
-            each, left = out @ one[:, :-1] @ turned, out @ one[:, -1]
+            each, left = out @ one[:, :-1] @ out.transpose(0, 2, 1), out @ one[:, -1]
             more = left + (each @ onto_out[..., None])[..., 0]
             of_axes.append((each, more))
             rss.append((of[-1] @ of[-1] + (onto_out * (left + more)).sum(axis=1) + 1e-30)[:, None])
@@ -309,17 +309,19 @@ class CandidateBank:
             for axis, (some, of) in enumerate(white):
                 with_model[axis, some] = of @ model[axis].T
             onto = with_model.sum(axis=0)[:, :-1]
-            with_out = onto @ turned
+            with_out = (onto @ turned).reshape(len(onto), *onto_out.shape)
             beyond = []
             for one, one_within, (each, more) in zip(with_model, within, of_axes):
                 both = onto @ one_within
                 half, left = one - 0.5 * both, one - both
-                back = left[:, :-1] @ turned
-                left = left[:, -1:] + back @ onto_out[..., None] + with_out @ more[..., None]
-                beyond.append((half[:, :-1], left, back + 0.5 * with_out @ each))
+                back, left = (left[:, :-1] @ turned).reshape(with_out.shape), left[:, -1:]
+                if out.shape[1]:
+                    left = left + (back * onto_out + with_out * more).sum(axis=2)
+                    back += 0.5 * np.einsum('kmp,mpq->kmq', with_out, each)
+                beyond.append((half[:, :-1], left, back))
             for of_size, places in self.by_size(block):
                 at, across = places - first, []
-                onto_model, onto_each = onto[at], with_out[:, at]
+                onto_model, onto_each = onto[at], with_out[at]
                 for (some, of), square, (half, left, back) in zip(white, squares, beyond):
                     own = square[at][..., None]
                     if at.shape[1] > 1:
@@ -327,10 +329,11 @@ class CandidateBank:
                         here = np.flatnonzero(own.any(axis=(1, 2)))
                         rows = of[np.searchsorted(some, at[here])]
                         own[here] = rows @ rows.transpose(0, 2, 1)
-                    shared = np.einsum('gik,gjk->gij', half[at], onto_model)
+                    shared = half[at] @ onto_model.transpose(0, 2, 1)
                     if out.shape[1]:
-                        shared = shared - np.einsum('mgip,mgjp->mgij', back[:, at], onto_each)
-                    across.append((own - shared - np.swapaxes(shared, -1, -2), left[:, at]))
+                        shared = shared - np.einsum('gimp,gjmp->mgij', back[at], onto_each)
+                    across.append((own - shared - np.swapaxes(shared, -1, -2),
+                                   left[at].transpose(2, 0, 1)[..., None]))
                 left, dof[:, of_size] = reduced_squares(rss, across, length[at])
                 ratios = [np.maximum(one[..., 0] / all_, 1e-12) for one, all_ in zip(left, rss)]
                 gain = -live * np.log(ratios).sum(axis=0) - (
