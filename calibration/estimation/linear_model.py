@@ -25,9 +25,10 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.rms import sigma_of
 
-from .correlated_noise import CorrelatedNoise, WhiteNoise, noise_memory
+from .correlated_noise import CorrelatedNoise, WhiteNoise
 from .group_columns import Basis, GroupColumns, orthonormal
 from .least_squares import reweighted, weighted_solve
+from .memory_likelihood import noise_memory
 from .robust import bisquare, hampel, huber
 
 #: part of a (scaled) column that must remain beyond the model: below it the coefficient's sigma is

@@ -20,9 +20,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .candidates import CandidateBank, CandidateGroup
-from .correlated_noise import AxisNoise, MemorySearch, Sequence, likely_memories
+from .correlated_noise import AxisNoise, Sequence
 from .group_columns import GroupColumns
 from .linear_model import memory_of, weighted_fit, with_memory
+from .memory_likelihood import MemorySearch, likely_memories
 from .periodogram import PeriodBank
 
 #: fits that are kept, at least, and numbers in their residuals: searches come back to those before
@@ -174,7 +175,7 @@ class SelectionProblem:
         return beside.known[MemorySearch].noise(np.arange(start, start + sizes[without + 1]))
 
     def likely_memories(self, chosen):
-        """`correlated_noise.likely_memories` with a choice in the model."""
+        """`memory_likelihood.likely_memories` with a choice in the model."""
         design, fit = self.design(chosen), self.plain.fit(chosen)
         return likely_memories(self.sequence, fit.noise.root,
                                self.fit(chosen).memory or (AxisNoise(), AxisNoise()), fit.scale,

@@ -25,10 +25,11 @@ import numpy as np
 
 from pointing_model.rms import sigma_of
 
-from .correlated_noise import AxisLikelihood, AxisNoise, CorrelatedNoise, Sequence
+from .correlated_noise import AxisNoise, CorrelatedNoise, Sequence
 from .estimate import Estimate
 from .group_columns import GroupColumns
 from .least_squares import System
+from .memory_likelihood import AxisLikelihood
 
 #: robust sigmas to which outliers are brought. Tried on nights of 40 rows with two spikes of 20
 #: sigma: no step by chance up to 4, 0.7 % at 6, 1.3 % unclipped; clean nights and the power to see

@@ -36,10 +36,10 @@ from calibration.estimation.correlated_noise import (
     CorrelatedNoise,
     Sequence,
     WhiteNoise,
-    noise_memory,
 )
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.linear_model import weighted_fit
+from calibration.estimation.memory_likelihood import noise_memory
 from calibration.report.noise_wording import (
     correlation_sentence,
     difference_sentence,

@@ -1,0 +1,291 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How large noise that remembers is, and how long it does, by restricted likelihood.
+
+The maximum of the restricted likelihood (Patterson and Thompson 1971, Biometrika 58, 545; REML)
+over a grid of memories and sizes of `correlated_noise`.
+"""
+
+from copy import copy
+
+import numpy as np
+
+from .correlated_noise import AT_ONCE, EIGEN, MEMORY_STEP, AxisNoise, AxisRows, WhiteNoise
+
+#: between sizes that are tried (variance over that of the white noise); then half a step about the
+#: best of them, and of the memories
+_SIZE_STEP = 10.0
+_SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
+_FINER = _SIZE_STEP ** np.arange(-1.5, 3.0, 0.5)
+_ABOUT = np.array([(longer, larger) for longer in (-0.5, 0.0, 0.5) for larger in (-0.5, 0.0, 0.5)
+                   if longer or larger])
+
+
+def noise_memory(sequence, root, scale, columns, b):
+    """How much rows resemble their neighbours: the noise of each axis, by restricted likelihood.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    root : ndarray, shape (2n,)
+        Weights, with all noise taken as white.
+    scale : ndarray, shape (2,)
+        That noise, as `WeightedFit.scale`.
+    columns : GroupColumns
+        What is fitted; groups are runs, or parts of them.
+    b : ndarray, shape (2n,)
+
+    Returns
+    -------
+    tuple of AxisNoise
+        Of x and y.
+    """
+    return MemorySearch(sequence, root, scale, columns, b).noise()
+
+
+class MemorySearch:
+    """What `noise_memory` finds, also without some columns: most is the same for all of these.
+
+    Parameters are as of `noise_memory`.
+    """
+
+    def __init__(self, sequence, root, scale, columns, b):
+        self._memories, self._scale, self._with_factor = sequence.memories, scale, None
+        self._axes = [AxisLikelihood(sequence, axis, False, root, scale, columns, b)
+                      for axis in (0, 1)]
+
+    def noise(self, without=()):
+        """`AxisNoise` of x and y, without some of the common columns (indices)."""
+        out = []
+        for axis, every in enumerate(self._axes):
+            best, likelihood = AxisNoise(scale=self._scale[axis]), every.without(without)
+            if not likelihood.few:
+                best = likelihood.climb(self._memories, _SIZES, best)
+            if axis == 0 and best.gain > 0.0:
+                # nearly the same curve: near the best of the other
+                self._with_factor = self._with_factor or every.with_factor()
+                likelihood = self._with_factor.without(without)
+                size = best.variance / (best.scale / self._scale[0])**2 / likelihood.typical
+                best = likelihood.climb([best.memory], [size], best)
+            out.append(best)
+        return tuple(out)
+
+
+def likely_memories(sequence, root, memory, scale, columns, b):
+    """Noise that each axis may have, and how likely it is: the estimate alone claims too much.
+
+    Half of the prior is that it has no memory, the other half is even over the logarithms of memory
+    and size.
+
+    Parameters
+    ----------
+    sequence, root, scale, columns, b
+        As of `noise_memory`.
+    memory : tuple of AxisNoise
+        The estimate.
+
+    Returns
+    -------
+    list of (list of AxisNoise, ndarray)
+        Of x and y: noises, the first of them white, and their chances.
+    """
+    out = []
+    for axis in (0, 1):
+        likelihood = AxisLikelihood(sequence, axis, memory[axis].scaled, root, scale, columns, b)
+        tried = [] if likelihood.few else likelihood.at(*_grid(sequence.memories, _FINER))
+        every = [AxisNoise(scale=scale[axis]), *tried]
+        gain = np.array([one.gain for one in every])
+        chance = np.exp(0.5 * (gain - gain.max()))
+        chance[1:] /= max(len(tried), 1)
+        out.append((every, chance / chance.sum()))
+    return out
+
+
+def _grid(memories, sizes):
+    """All pairs, each shape (m s,)."""
+    return np.repeat(memories, len(sizes)), np.tile(sizes, len(memories))
+
+
+class AxisLikelihood:
+    """The restricted likelihood of noise of one axis; parameters as of `noise_memory`.
+
+    Attributes
+    ----------
+    few : bool
+        The rows do not determine what is fitted and a noise.
+    typical : float
+        Variance of the white noise.
+    """
+
+    def __init__(self, sequence, axis, scaled, root, scale, columns, b):
+        n = len(b) // len(scale)
+        part = slice(axis * n, (axis + 1) * n)
+        own = columns.own[:, part]
+        own = own[np.abs(own).max(axis=1, initial=0.0) > 0.0]
+        # what an axis does not tell apart would be rounding; noise changes nothing of that
+        within = columns.rows(np.arange(len(b))[part])
+        live = (root[part] > 0.0).astype(float)
+        rows = within.basis(WhiteNoise(live)).common
+        self._sequence, self._root, self._scale = sequence, root[part], scale[axis]
+        self._own, self._common = len(own), (within.common * live) @ rows.T
+        self._alone = columns.alone
+        self._unscaled = np.vstack((own, rows, b[part]))
+        self._set(scaled)
+
+    def _set(self, scaled):
+        self._scaled, self._rows = scaled, AxisRows(self._root, self._sequence, scaled)
+        self._columns = self._rows.scaled(self._unscaled)
+        white = self._rows.white
+        self.typical = float(np.mean(np.sort(white)[[(len(white) - 1) // 2, len(white) // 2]])) \
+            if len(white) else 1.0
+        self._products = {}  # of each noise
+        self._turn(np.eye(len(self._common.T)))
+
+    def _turn(self, basis):
+        """Let the design be what of the columns has this basis (j, k)."""
+        self._basis = np.zeros((len(basis) + 1, len(basis.T) + 1))
+        self._basis[:-1, :-1], self._basis[-1, -1] = basis, 1.0
+        self.few = len(self._rows.rows) < len(basis) + self._own * len(self._rows.starts) + 3
+        if not self.few:
+            self._none = float(self._of(None)[0][0])
+
+    def without(self, columns):
+        """The same without some of the common columns (indices)."""
+        if not len(columns):
+            return self
+        out = copy(self)
+        out._turn(self._alone(np.delete(self._common, columns, axis=0)).basis().common)
+        return out
+
+    def with_factor(self):
+        """The same of a process that has the factor of the sequence."""
+        out = copy(self)
+        out._set(True)
+        return out
+
+    def climb(self, memories, sizes, best):
+        """The best of a grid, and then of a finer one about it."""
+        if not len(memories):
+            return best
+        tried = self._tried(*_grid(memories, sizes))
+        memory, size, value, _ = tried[:, int(np.argmin(tried[2]))]
+        if value < self._none:
+            tried = np.hstack((tried, self._tried(memory * MEMORY_STEP**_ABOUT[:, 0],
+                                                  size * _SIZE_STEP**_ABOUT[:, 1])))
+        return max(best, self._noise(*tried[:, int(np.argmin(tried[2]))]), key=lambda one: one.gain)
+
+    def at(self, memories, sizes):
+        """`AxisNoise` of each memory and size (over the variance of the white noise), in pairs."""
+        return [self._noise(*one) for one in self._tried(memories, sizes).T]
+
+    def _tried(self, memories, sizes):
+        """Memories, sizes, -2 ln L and variances, shape (4, t)."""
+        noises = np.array([memories, sizes])
+        return np.vstack((noises, self._of(noises) if len(noises.T) else noises))
+
+    def _noise(self, memory, size, value, variance):
+        return AxisNoise(float(size * self.typical * variance), float(memory), self._scaled,
+                         self._scale * float(np.sqrt(variance)), float(self._none - value))
+
+    def _of(self, noises):
+        """-2 ln L restricted (but for a constant) of noises, and the variance of the rows.
+
+        Noises are memories and sizes, shape (2, t), None of white noise.
+        """
+        key = None if noises is None else noises.tobytes()
+        if key not in self._products:
+            self._products[key] = self._products_of(noises)
+        products, log_det, taken = self._products[key]
+        return restricted(self._basis @ products @ self._basis.T, log_det,
+                          len(self._rows.rows) - taken)
+
+    def _products_of(self, noises):
+        if noises is None:
+            white = self._rows.white
+            return self._left((self._columns / np.sqrt(white))[:, None],
+                              np.log(white).sum(keepdims=True) - self._rows.log_scale)
+        step = max(1, AT_ONCE // max(self._columns.size, 1))
+        parts = [self._left(*self._rows.whitened_by(
+            self._columns, memory, size * self.typical, np.ones(len(memory))))
+            for memory, size in (noises[:, i:i + step] for i in range(0, len(noises.T), step))]
+        return [np.concatenate(of) for of in zip(*parts)]
+
+    def _left(self, white, log_det):
+        """Products of columns, shape (k, t, m), for `restricted`, of each try.
+
+        What each run fits for itself comes first in them: no row of one run has to do with those
+        of another, so it is taken out run by run.
+
+        Returns
+        -------
+        products : ndarray, shape (t, j, j)
+        log_det : ndarray, shape (t,)
+            With that of what was taken out.
+        taken : ndarray of int, shape (t,)
+            Numbers that were.
+        """
+        taken = np.zeros(white.shape[1], int)
+        if self._own:
+            _, tries, n = white.shape
+            starts = (self._rows.starts + n * np.arange(tries)[:, None]).ravel()
+            rows = np.ascontiguousarray(white.reshape(len(white), -1).T)
+            own, rest = rows[:, :self._own], rows[:, self._own:]
+            gram = np.add.reduceat(own[:, :, None] * own[:, None, :], starts)
+            values, vectors = np.linalg.eigh(gram)
+            live = values > EIGEN * np.maximum(values[:, -1:], 1e-300)
+            inverse = vectors * np.where(live, 1.0 / np.where(live, values, 1.0), 0.0)[:, None, :]
+            p = inverse @ (vectors.transpose(0, 2, 1) @ np.add.reduceat(
+                own[:, :, None] * rest[:, None, :], starts))
+            taken = live.reshape(tries, -1).sum(axis=1)
+            log_det = log_det + np.log(np.where(live, values, 1.0)).reshape(tries, -1).sum(axis=1)
+            rest = rest - np.einsum('nj,njk->nk', own,
+                                    np.repeat(p, np.tile(self._rows.lengths, tries), axis=0))
+            white = rest.T.reshape(-1, tries, n)
+        white = white.transpose(1, 0, 2)
+        return white @ white.transpose(0, 2, 1), log_det, taken
+
+
+def restricted(products, log_det, free):
+    """-2 ln L restricted, the variance by the rows themselves.
+
+    Parameters
+    ----------
+    products : ndarray, shape (..., k + 1, k + 1)
+        Of whitened columns with each other: the design, of which none depends on others, and
+        behind it what it is fitted to.
+    log_det : float or ndarray, shape (...)
+        Of the covariance they are whitened by, but for the variance.
+    free : int or ndarray, shape (...)
+        Rows less the numbers that were fitted before.
+
+    Returns
+    -------
+    value : ndarray, shape (...)
+        But for a constant.
+    variance : ndarray, shape (...)
+    """
+    k = products.shape[-1] - 1
+    length = np.sqrt(np.diagonal(products, axis1=-2, axis2=-1))
+    length = np.where(length > 0.0, length, 1.0)
+    unit = products / (length[..., None] * length[..., None, :])
+    try:
+        root = np.linalg.cholesky(unit)
+    except np.linalg.LinAlgError:  # rounding
+        root = np.linalg.cholesky(unit + EIGEN * np.eye(k + 1))
+    diagonal = np.diagonal(root, axis1=-2, axis2=-1) * length
+    free = np.maximum(free - k, 1)
+    variance = np.maximum(np.square(diagonal[..., -1]) / free, 1e-300)
+    logs = np.log(np.maximum(diagonal[..., :-1], 1e-300)).sum(-1)
+    return free * np.log(variance) + log_det + 2.0 * logs, variance
