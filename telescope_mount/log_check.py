@@ -52,8 +52,8 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     """Compute zeros, models, reports and diagnoses of a log anew, and the observations too.
 
     Encoder readings and miss distances give the observations; the observations give the rest, in
-    their own calibration, without a ROS graph. A number is right if it is the same to the
-    bit.
+    their own calibration, without a ROS graph. A number is right if it is the same but for
+    rounding.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     Returns
     -------
     dict
-        ``checked`` (kind -> count), ``differences`` and ``unchecked``, a line each; ``damaged``,
-        whether the log is.
+        ``checked`` (kind -> count), ``rounded`` (how many of these are the same but for rounding),
+        ``differences`` and ``unchecked``, a line each; ``damaged``, whether the log is.
 
     Raises
     ------
@@ -110,7 +110,8 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     if not check.checked:
         raise ValueError(f'{bag} has nothing derived in it that could be verified')
     check.unchecked += log.problems
-    return {'checked': dict(check.checked), 'differences': check.differences,
+    return {'checked': dict(check.checked), 'rounded': check.rounded,
+            'differences': check.differences,
             'unchecked': check.unchecked, 'damaged': bool(log.problems)}
 
 

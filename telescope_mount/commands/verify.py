@@ -22,8 +22,8 @@ def add(commands):
     parser = commands.add_parser(
         'verify', help='compute what a log derived once more, and compare',
         description='Compute observations, zeros, models, reports and diagnoses of a log again '
-        'from what they were derived from, without a ROS graph. Exit code 1 if a number is not '
-        'the same to the bit, or the log is damaged.')
+        'from what they were derived from, without a ROS graph. Exit code 1 if a number differs by '
+        'more than rounding, or the log is damaged.')
     parser.add_argument('log', type=options.log_path, metavar='BAG')
     options.add(parser, 'reference',
                 help='the reference model of the night (default: as the log says)')
@@ -43,6 +43,8 @@ def run(args):
     print_lines(console, 'difference', report['differences'])
     total = sum(report['checked'].values())
     console.print(', '.join(f'{count} {kind}' for kind, count in report['checked'].items()))
-    console.print(f'{total - len(report["differences"])} of {total} are the same to the bit')
+    rounded = report['rounded']
+    console.print(f'{total - len(report["differences"]) - rounded} of {total} are the same to the '
+                  f'bit' + f', {rounded} but for rounding (another processor)' * bool(rounded))
     write_outputs(console, args, report)
     return 1 if report['differences'] or report['damaged'] else 0

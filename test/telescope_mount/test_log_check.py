@@ -66,7 +66,7 @@ def rewrite(source, out, change, leave_out=(), late=()):
 
 
 def flip(topic, number, offset):
-    """Change a bit of the `number`-th message on `topic`, `offset` bytes before its end."""
+    """Change a millionth of a float in the `number`-th message on `topic`, from its end."""
     seen = [0]
 
     def change(name, data):
@@ -74,7 +74,7 @@ def flip(topic, number, offset):
             seen[0] += 1
             if seen[0] == number + 1:
                 data = bytearray(data)
-                data[-offset] ^= 1
+                data[4 - offset] ^= 1
                 data = bytes(data)
         return data
     return change
@@ -120,10 +120,10 @@ def test_a_node_that_was_logged_late(night, verified, tmp_path):
 @pytest.mark.parametrize('topic, number, offset, kinds', [
     # the last of the three arrays of a JointState ends the message: two floats of 8 bytes
     ('/mount/zero', 0, 8, {'sigma of the zero'}),
-    ('/mount/camera/miss_distance', 'observed', 20, {'enc of observation', 'abs of observation'}),
+    ('/mount/camera/miss_distance', 'observed', 24, {'enc of observation', 'abs of observation'}),
     ('/mount/offset', 5, 24, {'offset'}),
 ])
-def test_a_bit_that_was_changed_is_found(night, tmp_path, topic, number, offset, kinds):
+def test_a_number_that_was_changed_is_found(night, tmp_path, topic, number, offset, kinds):
     if number == 'observed':  # not every exposure becomes an observation
         log = BagReader(night / 'bag')
         wanted = from_stamp(next(
@@ -149,7 +149,7 @@ def test_a_reading_of_an_observation(night, tmp_path):
             for start in range(place - 8, place + 9):
                 if struct.unpack_from('<d', data, start) == struct.unpack_from(
                         '<d', bytes(first.data.data), field):
-                    data[start + 1] ^= 1  # 6e-14 rad: the last bit may be rounded off
+                    data[start + 4] ^= 1
                     return bytes(data)
             raise AssertionError('the value was not found')
         return data
@@ -245,6 +245,22 @@ def test_provenance_decides(night, tmp_path):
     assert [line.split(' of ')[0] for line in report['differences']] == ['report']
     assert any('no parameters of the calibration' in line for line in report['unchecked'])
     assert verify_log(bag, seed=3)['differences'] == []
+
+
+@pytest.mark.parametrize('logged, computed, differs, rounded', [
+    ([1.0, 0.0], [1.0, 0.0], 0, 0),
+    ([6.28, 1e-14], [6.28 * (1.0 + 1e-15), 2e-14], 0, 1),
+    ([6.28, 0.5], [6.28, 0.5 + 1e-7], 1, 0),
+    ([1.0], [np.nan], 1, 0),
+    ('{"a": [1e-12, 5.0], "n": 3}', '{"a": [2e-12, 5.0], "n": 3}', 0, 1),
+    ('{"a": 5.0, "n": [1700000000000000001]}', '{"a": 5.0, "n": [1700000000000000002]}', 1, 0),
+    ('{"a": 5.0}', '{"a": 5.0001}', 1, 0),
+    ('{"a": "one"}', '{"a": "two"}', 1, 0)])
+def test_what_another_processor_rounds_otherwise_is_no_difference(
+        logged, computed, differs, rounded):
+    check = LogComparison()
+    check.compare('zero', logged, computed, 'a night')
+    assert (len(check.differences), check.rounded) == (differs, rounded)
 
 
 def test_command(night, tmp_path, capsys):
