@@ -19,9 +19,10 @@ from collections import Counter
 
 import numpy as np
 
-#: part of a number, or of the largest of its list, that is rounding: another processor's sine
-#: differs in the last digit, and what is fitted then by some thousand times that
-ROUNDING = 1e-9
+#: part of a number, or of the largest of its list, that is rounding, of messages and of documents:
+#: another processor's sine differs in the last digit, and what is fitted then by a thousand times
+#: that
+ROUNDING, FITTED = 1e-11, 1e-9
 
 
 class LogComparison:
@@ -63,7 +64,7 @@ def same_document(logged, computed):
 
 
 def same_but_for_rounding(logged, computed):
-    """Whether two documents have the same numbers within `ROUNDING`, and else are the same."""
+    """Whether two documents have the same numbers within `FITTED`, and else are the same."""
     try:
         return _alike(*(_without_words(json.loads(text)) for text in (logged, computed)))
     except (TypeError, ValueError):
@@ -75,19 +76,19 @@ def _alike(a, b):
         return a.keys() == b.keys() and all(_alike(a[key], b[key]) for key in a)
     if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         if all(isinstance(one, float) for one in (*a, *b)):
-            return _close(np.array(a), np.array(b))
+            return _close(np.array(a), np.array(b), FITTED)
         return all(map(_alike, a, b))
     if isinstance(a, float) and isinstance(b, float):
-        return _close(np.array(a), np.array(b))
+        return _close(np.array(a), np.array(b), FITTED)
     return a == b
 
 
-def _close(a, b):
-    """Whether numbers are the same within `ROUNDING` of the largest of them."""
+def _close(a, b, part=ROUNDING):
+    """Whether numbers are the same within a part of the largest of them."""
     if a.shape != b.shape:
         return False
     size = np.max(np.abs(a[np.isfinite(a)]), initial=0.0)
-    return np.allclose(a, b, rtol=0.0, atol=ROUNDING * size, equal_nan=True)
+    return np.allclose(a, b, rtol=0.0, atol=part * size, equal_nan=True)
 
 
 def _without_words(value):
