@@ -41,6 +41,7 @@ from pathlib import Path
 import numpy as np
 from diagnosis_nights import (
     EFFECTS,
+    OF_FIXED_SIZE,
     OF_TIME,
     OUTSIDE,
     alike,
@@ -135,8 +136,8 @@ def _one_effect(table, args, rng, kind, names, what, sizes):
         if s is None:
             continue
         seed = int(rng.integers(2**31))
-        if name == 'annual_aberration':
-            continue  # physics fixes its size: at another it is not it
+        if name in OF_FIXED_SIZE:
+            continue
         count += 1
         result = diagnose(make_run(c, *(e + s)), cross_validation=False, flips=args.flips,
                           seed=seed)
@@ -179,9 +180,12 @@ def two_effects(table, args, rng, size=10.0):
         a, b = (p.ravel() - (base @ p.ravel()) @ base for p in parts)
         if size**2 * (1.0 - (a @ b)**2 / (a @ a) / (b @ b)) < 36.0:
             continue
+        seed = int(rng.integers(2**31))
+        if {names[first], names[second]} & OF_FIXED_SIZE:
+            continue
         count += 1
         result = diagnose(make_run(c, *(e + parts[0] + parts[1])), cross_validation=False,
-                          flips=args.flips, seed=int(rng.integers(2**31)))
+                          flips=args.flips, seed=seed)
         shown = set().union(*(_shown(x) for x in result.effects)) if result.effects else set()
         good = names[first] in shown and names[second] in shown
         both += good
