@@ -202,10 +202,10 @@ OUTSIDE = {
 
 
 #: those of time, temperature or order, which one night does not tell from a zero that wanders
-#: physics fixes their size: at another it is not them
-OF_FIXED_SIZE = {'annual_aberration'}
 OF_TIME = [name for name in EFFECTS
            if any(part in name for part in ('with_time', 'with_temperature', 'zero_step'))]
+#: physics fixes their size: at another it is not them
+OF_FIXED_SIZE = {'annual_aberration'}
 
 
 def scaled(c, s, size):
