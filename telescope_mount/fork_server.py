@@ -20,7 +20,8 @@ can go when an interpreter with rclpy begins in 0.1 s.
 
 Requests come on the connection whose file descriptor is its argument, a dict each: modules
 of nodes, arguments, name, environment, file for the output. It answers
-``{'started': pid}``, later ``{'ended': pid, 'code': code}``.
+``{'started': pid}``, later ``{'ended': pid, 'code': code}``. A command that has not used ROS yet
+forks it from itself, else it is a program.
 """
 
 import ctypes
@@ -110,6 +111,26 @@ def run_node(request):
     os._exit(code)
 
 
+def main():
+    """Serve, as a program."""
+    serve(Connection(int(sys.argv[1])))
+
+
+def serve_forked(connection, others, log):
+    """Serve, as a fork of a command; `others` is its end, `log` the file for what is wrong."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_DFL)
+    others.close()
+    os.setsid()
+    _redirect(log)
+    # not the command's own: a thread of it may have been writing to them
+    sys.stdin = os.fdopen(0, encoding='utf-8', closefd=False)
+    sys.stdout, sys.stderr = (os.fdopen(
+        number, 'w', encoding='utf-8', errors='backslashreplace', buffering=1, closefd=False)
+        for number in (1, 2))
+    serve(connection)
+
+
 def _redirect(log):
     """Both outputs into a file, and no input."""
     log = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
@@ -118,9 +139,8 @@ def _redirect(log):
         os.dup2(source, number)
 
 
-def main():
+def serve(connection):
     """Serve until the other end of the connection is closed."""
-    connection = Connection(int(sys.argv[-1]))
     libc = ctypes.CDLL(None)
     libc.prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)
     libc.prctl(_SET_NAME, b'fork_server')

@@ -20,8 +20,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from multiprocessing import Pipe
+import warnings
+from multiprocessing import Pipe, get_context
 from pathlib import Path
 
 import yaml
@@ -29,14 +31,11 @@ import yaml
 from msg_tools import NAMESPACE
 
 from .dds import dds_environment
+from .fork_server import preload, serve_forked
 from .interrupt import raise_noted
 from .threads import ONE_THREAD
 
 SET_DEATH_SIGNAL = 1  # Linux: prctl
-
-
-#: the fork server
-PROGRAM = (sys.executable, '-m', 'telescope_mount.fork_server')
 
 
 class Node:
@@ -75,6 +74,31 @@ class Node:
                 os.kill(self.pid, number)
 
 
+class _Forked(get_context('fork').Process):
+    """A fork of this process, as far as `subprocess.Popen` is needed."""
+
+    def poll(self):
+        """The exit code, or None."""
+        return self.exitcode
+
+    def wait(self, timeout=None):
+        """The exit code; subprocess.TimeoutExpired after `timeout` seconds."""
+        self.join(timeout)
+        if self.exitcode is None:
+            raise subprocess.TimeoutExpired(f'process {self.pid}', timeout)
+        return self.exitcode
+
+
+def _can_fork():
+    """Whether a fork of this process is as good as a new one: ROS was not used in it, and it has
+    no threads but those that wait to show how far it is.
+    """
+    threads = threading.enumerate()
+    return ('rclpy' not in sys.modules and threading.current_thread() is threading.main_thread()
+            and all(isinstance(thread, threading.Timer) for thread in threads[1:])
+            and len(os.listdir('/proc/self/task')) == len(threads))
+
+
 class ForkServer:
     """The process `telescope_mount.fork_server`, which forks the nodes.
 
@@ -87,13 +111,30 @@ class ForkServer:
     def __init__(self, log):
         self._log = log
         self._connection, theirs = Pipe()
-        with theirs, open(log, 'ab') as file:  # it imports while the caller does
-            self._process = subprocess.Popen(
-                [*PROGRAM, str(theirs.fileno())], stdin=subprocess.DEVNULL, stdout=file,
-                stderr=file, start_new_session=True, pass_fds=[theirs.fileno()],
-                env={**os.environ, **ONE_THREAD, 'PYTHONUNBUFFERED': '1'})
+        with theirs:
+            self._process = self._forked(theirs) if _can_fork() else self._begun(theirs)
         self._nodes = {}
         self._started = []
+
+    def _forked(self, theirs):
+        """From here: what it imports this process needs, too."""
+        preload()
+        process = _Forked(target=serve_forked, args=(theirs, self._connection, self._log),
+                          daemon=True)
+        with warnings.catch_warnings():
+            # of threads that may hold a lock: the child takes none of theirs
+            warnings.simplefilter('ignore', DeprecationWarning)
+            process.start()
+        return process
+
+    def _begun(self, theirs):
+        """As a program: it imports while the caller does."""
+        with open(self._log, 'ab') as file:
+            return subprocess.Popen(
+                [sys.executable, '-m', 'telescope_mount.fork_server', str(theirs.fileno())],
+                stdin=subprocess.DEVNULL, stdout=file, stderr=file, start_new_session=True,
+                pass_fds=[theirs.fileno()],
+                env={**os.environ, **ONE_THREAD, 'PYTHONUNBUFFERED': '1'})
 
     def start(self, **request):
         """Fork a node; see `telescope_mount.fork_server`.
@@ -192,7 +233,7 @@ class Processes:
         self.folder = Path(folder)
         self.folder.mkdir(parents=True, exist_ok=True)
         self.params_file = params_file
-        self.running, self._checked = {}, 0.0
+        self.running, self._checked, self._looked, self._stopped = {}, 0.0, 0.0, {}
         self.environment = (ONE_THREAD | os.environ | dds_environment(domain)
                             | {'ROS_LOG_DIR': str(self.folder)})
         self._fork_server = ForkServer(self.folder / 'fork_server.log')
@@ -255,9 +296,13 @@ class Processes:
                      if line.strip() and not line.startswith(('[INFO]', '[WARN]', '[DEBUG]'))), '')
 
     def stopped(self):
-        """Names and ids of processes that are stopped (SIGSTOP), a dict."""
-        return {name: process.pid for name, process in self.running.items()
-                if _is_stopped(process.pid)}
+        """Names and ids of processes that are stopped (SIGSTOP), a dict; looks twice a second."""
+        now = time.monotonic()
+        if now - self._looked >= 0.5:
+            self._looked = now
+            self._stopped = {name: process.pid for name, process in self.running.items()
+                             if _is_stopped(process.pid)}
+        return self._stopped
 
     def check(self):
         """Raise RuntimeError with a node's own words if one has ended; looks ten times a second."""

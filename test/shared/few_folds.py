@@ -20,8 +20,8 @@ for more of them has a test of its own. 299 flips are the fewest that tell a p o
 share of an alpha of 0.01. Periods are searched up to 200 a turn, a fifth of what a user has;
 `benchmarks/periods.py` looks for all of them.
 
-As a program it is ``telescope-mount`` with them: its nodes, whose fork server it is too, diagnose
-as the tests do, to the bit.
+As a program it is ``telescope-mount`` with them: its nodes, forked from it, diagnose as the tests
+do, to the bit.
 """
 
 import sys
@@ -43,9 +43,6 @@ def patched(setattr, setitem):
 
 if __name__ == '__main__':
     del sys.path[0]  # the tests' folders have the packages' names
-    from telescope_mount import cli, fork_server, processes
+    from telescope_mount.cli import main
     patched(setattr, dict.__setitem__)
-    processes.PROGRAM = sys.executable, __file__, 'fork_server'
-    if sys.argv[1:2] == ['fork_server']:
-        sys.exit(fork_server.main())
-    sys.exit(cli.main())
+    sys.exit(main())

@@ -163,6 +163,7 @@ def test_nodes_that_cannot_be_started_are_told(own, tmp_path):
         own.start(spec('camera'))
 
 
+#: of a command that has not used ROS yet
 COMMAND = """
 import sys
 from telescope_mount.graph import NODES, NodeSpec
@@ -176,14 +177,15 @@ if sys.stdin.readline():
 
 
 @pytest.mark.parametrize('killed', (True, False))
-def test_no_node_outlives_its_command(ros_domain, tmp_path, killed):
+def test_a_command_forks_its_nodes_from_itself_and_none_outlives_it(
+        ros_domain, tmp_path, killed):
     with subprocess.Popen([sys.executable, '-c', COMMAND, tmp_path / 'nodes', str(ros_domain)],
                           stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as command:
         pids = list(map(int, command.stdout.readline().split()))
         for pid, name in zip(pids, ('camera', 'fork_server')):
             # Python names it as the program that it was forked from
             wait_for(lambda pid=pid, name=name: text_of(pid, 'comm').strip() == name)
-            assert 'fork_server' in text_of(pid, 'cmdline')
+            assert 'nodes' in text_of(pid, 'cmdline')
         if killed:
             command.kill()
         else:
