@@ -74,7 +74,7 @@ ANSWERS = 'answers_asked_again'
 AFTER = 'after_messages'
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
 #: s for which what nodes of one process send each other is taken without waiting for anything else
-_AMONG = 0.005
+_AMONG = 0.02
 # topics on which this process has published since its executor looked, in that order
 _published = {}
 

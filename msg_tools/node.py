@@ -19,6 +19,7 @@ import os
 import socket
 import time
 import uuid
+from functools import lru_cache
 from inspect import iscoroutinefunction
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -53,10 +54,12 @@ UNUSABLE = ValueError, ArithmeticError, RecursionError
 DUPLICATES = 0.25
 
 
+@lru_cache(64)
 def message_of(data, kind):
     """The message of class `kind` that bytes are; ValueError says why they are none.
 
-    rclpy, asked for messages, skips such bytes without a word.
+    rclpy, asked for messages, skips such bytes without a word. One that several nodes of a process
+    take is made once.
     """
     try:
         return deserialize_message(data, kind)
