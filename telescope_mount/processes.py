@@ -31,7 +31,7 @@ import yaml
 from msg_tools import NAMESPACE
 
 from .dds import dds_environment
-from .fork_server import preload, serve_forked
+from .fork_server import preload, prepare, serve_forked
 from .interrupt import raise_noted
 from .threads import ONE_THREAD
 
@@ -106,19 +106,22 @@ class ForkServer:
     ----------
     log : Path
         For what it says when something is wrong.
+    modules : sequence of str, optional
+        What this process will need, and nodes as well.
     """
 
-    def __init__(self, log):
+    def __init__(self, log, modules=()):
         self._log = log
         self._connection, theirs = Pipe()
         with theirs:
-            self._process = self._forked(theirs) if _can_fork() else self._begun(theirs)
+            self._process = self._forked(theirs, modules) if _can_fork() else self._begun(theirs)
         self._nodes = {}
         self._started = []
 
-    def _forked(self, theirs):
+    def _forked(self, theirs, modules):
         """From here: what it imports this process needs, too."""
         preload()
+        prepare(modules)
         process = _Forked(target=serve_forked, args=(theirs, self._connection, self._log),
                           daemon=True)
         with warnings.catch_warnings():
@@ -227,16 +230,18 @@ class Processes:
         ROS domain.
     params_file : Path, optional
         A ROS parameter file of the user's, read after the graph's own values.
+    modules : sequence of str, optional
+        What this process will need, and nodes as well: imported once for all.
     """
 
-    def __init__(self, folder, domain, params_file=None):
+    def __init__(self, folder, domain, params_file=None, modules=()):
         self.folder = Path(folder)
         self.folder.mkdir(parents=True, exist_ok=True)
         self.params_file = params_file
         self.running, self._checked, self._looked, self._stopped = {}, 0.0, 0.0, {}
         self.environment = (ONE_THREAD | os.environ | dds_environment(domain)
                             | {'ROS_LOG_DIR': str(self.folder)})
-        self._fork_server = ForkServer(self.folder / 'fork_server.log')
+        self._fork_server = ForkServer(self.folder / 'fork_server.log', modules)
 
     def start_all(self, specs):
         """Start each `graph.NodeSpec`, in one process those that say so.

@@ -189,7 +189,8 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     with noted(), ExitStack() as ends:
         lock = claim(domain_number)
         ends.callback(lock.release)
-        nodes = Processes(folder / 'nodes', lock.number, params_file)
+        nodes = Processes(folder / 'nodes', lock.number, params_file,
+                          ['calibration.report.night_page'])
         ends.callback(nodes.stop)
         watcher = None
         try:
