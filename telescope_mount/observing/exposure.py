@@ -42,7 +42,8 @@ WORSE = 1.2
 #: as far as can be from the axes and their middles, where one that is mirrored would be right
 BESIDE = np.array([np.cos(np.pi / 8.0), np.sin(np.pi / 8.0)])
 #: rows by which the camera is tested, and their columns
-LAST, CAMERA_COLUMNS = 60, ('az', 'el', 'az_enc', 'el_enc', 'miss_x', 'miss_y', 'run')
+LAST, CAMERA_COLUMNS = 60, (
+    'az', 'el', 'az_enc', 'el_enc', 'miss_x', 'miss_y', 'run', 'star')
 #: exposures in a row in which the axes swing that are no settling any more
 RESTLESS = 5
 #: after so long a commanded axis moves, s
@@ -201,10 +202,14 @@ class Exposer:
 
     def _check_camera(self, row):
         """Say so where the last rows are of a camera that was turned; who fits knows it of them."""
-        rows = [own for own in (*self._table.rows_from(-LAST), row) if own['star'] >= 0]
-        wrong, sense = turned_rows(PointingRun(
-            {name: np.array([own[name] for own in rows]) for name in CAMERA_COLUMNS},
-            {} if self._out.mount().vertical else {'mount': self._out.mount()}))
+        last = self._table.latest(CAMERA_COLUMNS, LAST)
+        columns = {name: np.append(last[name], row[name]) for name in CAMERA_COLUMNS}
+        off = np.hypot(columns['miss_x'], columns['miss_y'])
+        if not (np.isfinite(off[-1]) and off[-1] > np.nanmedian(off)):
+            return  # of one that was turned it grows
+        rows = PointingRun(columns, {} if self._out.mount().vertical else {
+            'mount': self._out.mount()})
+        wrong, sense = turned_rows(rows.select(rows['star'] >= 0))
         if len(wrong) and wrong[-1]:
             self._instruments.health.turned(CAMERA, int(wrong.sum()), sense)
             self.forget_aim()

@@ -74,6 +74,10 @@ class NightMemory:
         return [{'stamp': stamp, **dict(zip_longest(self._names, values, fillvalue=np.nan))}
                 for stamp, values in self._rows[first:]]
 
+    def latest(self, names, count):
+        """Columns of the last `count` rows, as `PointingRun` takes them."""
+        return {name: self._column(name, -count) for name in names}
+
     def _take(self, row):
         # what a parameter adds in the night, the rows before have not
         self._names += [name for name in row if name != 'stamp' and name not in self._names]
@@ -89,10 +93,10 @@ class NightMemory:
         """How many rows of the last so many power-ons are here; 0: of all."""
         return len(self._rows) - first_of_last(self._column('run'), power_ons)
 
-    def _column(self, name):
+    def _column(self, name, first=0):
         place = self._names.index(name) if name in self._names else np.inf
         return np.array([values[place] if place < len(values) else np.nan
-                         for _, values in self._rows], float)
+                         for _, values in self._rows[first:]], float)
 
     def restore(self, run, stamp, before=0):
         """Take the rows of the night so far, of another table.
