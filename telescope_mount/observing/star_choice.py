@@ -358,15 +358,16 @@ def has_neighbour(stars, rows):
     """
     deep = np.flatnonzero(stars.mag < stars.mag[rows].max(initial=-9.0) + NEIGHBOUR_CONTRAST)
     deep = deep[np.argsort(stars.dec[deep])]
-    mine, others = (ALTAZ.direction(stars.ra[which], stars.dec[which]).T
-                    for which in (rows, deep))
-    # of those of nearly the same declination
-    first = np.searchsorted(stars.dec[deep], stars.dec[rows] - NEIGHBOUR_DISTANCE)
-    after = np.searchsorted(stars.dec[deep], stars.dec[rows] + NEIGHBOUR_DISTANCE, 'right')
+    place = ALTAZ.direction(stars.ra, stars.dec)
     out, least = np.zeros(len(rows), bool), np.cos(NEIGHBOUR_DISTANCE)
-    for i, row in enumerate(rows):
-        near = np.flatnonzero(others[first[i]:after[i]] @ mine[i] >= least)
-        if len(near) > 1:  # one is the star itself
-            near = deep[first[i] + near]
-            out[i] = np.any((stars.mag[near] < stars.mag[row] + NEIGHBOUR_CONTRAST) & (near != row))
+    if not len(rows):
+        return out
+    # many of nearly the same declination at once, with all that may be beside them
+    for part in np.array_split(np.argsort(stars.dec[rows]), len(rows) // 64 + 1):
+        row = rows[part]
+        beside = stars.dec[row[[0, -1]]] + [-NEIGHBOUR_DISTANCE, NEIGHBOUR_DISTANCE]
+        other = deep[slice(*np.searchsorted(stars.dec[deep], beside))]
+        near = place[:, row].T @ place[:, other] >= least
+        near &= stars.mag[other] < stars.mag[row, np.newaxis] + NEIGHBOUR_CONTRAST
+        out[part] = np.any(near & (other != row[:, np.newaxis]), axis=1)
     return out
