@@ -52,27 +52,7 @@ def fixed_width(lines, first, last):
         Bytes that are no number.
     """
     text = np.ascontiguousarray(lines[:, first - 1 : last])
-    quick = _of_digits(np.ascontiguousarray(text.T))
-    return text.view(f'S{text.shape[1]}')[:, 0].astype(float) if quick is None else quick
-
-
-def _of_digits(text):
-    """The same of columns of digits, a tenth of the time; None where they may be anything else."""
-    point = np.flatnonzero((text == ord('.')).all(axis=1))
-    text = np.delete(text, point, axis=0)
-    if len(point) > 1 or not text.size or len(text) > 15:  # a double holds every number of 15
-        return None
-    digit = text - np.uint8(ord('0'))
-    known = digit < 10
-    minus = text == ord('-')
-    before = ~np.logical_or.accumulate(known)
-    if not (known[-1].all() and np.all(known | before & (minus | (text == ord(' '))))
-            and np.all(known[1:] | ~minus[:-1])):
-        return None
-    # digits and power are exact: rounded once, as of the text
-    number = 10.0 ** np.arange(len(text))[::-1] @ np.where(known, digit, 0)
-    after = len(text) - point[0] if len(point) else 0
-    return np.where(minus.any(axis=0), -number, number) / 10.0**after
+    return text.view(f'S{text.shape[1]}')[:, 0].astype(float)
 
 
 def tai_utc(mjd, fraction):

@@ -123,25 +123,33 @@ def load_catalogue(mag_limit=None, hip=None):
 
 @lru_cache(maxsize=16)
 def _load(mag_limit, hip):
-    lines = _lines()
+    numbers, mag = _numbers_and_magnitudes()
+    rows = np.arange(len(numbers))
     if hip is not None:
-        numbers = fixed_width(lines, *_BYTES['hip'])
         rows = np.searchsorted(numbers, hip)  # ascending in I/311
         found = numbers[np.minimum(rows, len(numbers) - 1)] == hip
         if not np.all(found):
             missing = [h for h, ok in zip(hip, found) if not ok]
             raise ValueError(f'HIP {", ".join(map(str, missing[:5]))} not in Hipparcos-2')
-        lines = lines[rows]
     if mag_limit is not None:
-        lines = lines[fixed_width(lines, *_BYTES['mag']) <= mag_limit]
-    if not len(lines):
+        rows = rows[mag[rows] <= mag_limit]
+    if len(rows) == 0:
         raise ValueError(f'no star of the catalogue is brighter than Hp {mag_limit:g}: '
                          'raise the magnitude limit')
+    lines = _lines()
+    lines = lines[rows] if len(rows) < len(lines) else lines
     column = {name: fixed_width(lines, *where) for name, where in _BYTES.items()}
     return _read_only(Stars(
         hip=column['hip'].astype(int), ra=column['ra'], dec=column['dec'],
         pm_ra_cosdec=column['pm_ra_cosdec'] * _MAS, pm_dec=column['pm_dec'] * _MAS,
-        parallax=column['parallax'] * _MAS, rv=np.zeros(len(lines)), mag=column['mag']))
+        parallax=column['parallax'] * _MAS, rv=np.zeros(len(rows)), mag=column['mag']))
+
+
+@lru_cache(maxsize=1)
+def _numbers_and_magnitudes():
+    """Number and Hp of all stars."""
+    lines = _lines()
+    return tuple(fixed_width(lines, *_BYTES[name]) for name in ('hip', 'mag'))
 
 
 def _lines():
