@@ -104,10 +104,17 @@ def loop_rows(folder, _):
          f'{row["noise_floor_arcsec"]:.2f}') for row in report['scenarios']))
 
 
+#: modules that the table of speeds has beside ours and that are not the project's
+PEERS = 'astropy', 'katpoint', 'skyfield', 'skyfield_data'
+
+
 def speed_rows(folder, _):
     """What is measured beside a peer."""
     sys.path.insert(0, str(ROOT / 'benchmarks'))
-    from race import seconds
+    from race import peer, seconds
+    absent = [name for name in PEERS if peer(name) is None]
+    if absent:
+        raise SystemExit(f'speed: not without its peers: .venv/bin/pip install {" ".join(absent)}')
     rows = json.loads(folder.with_suffix('.json').read_text(encoding='utf-8'))['rows']
     return markdown(('what', 'size', 'ours', 'peer', 'ratio'), *(
         (row['what'], f'{row["size"]}', seconds(row['ours']), row['peer'], f'{row["ratio"]:.2g}')
