@@ -43,7 +43,7 @@ from hostile_logs import (
 from mcap.writer import CompressionType, IndexType, Writer
 
 from msg_tools.bag import BagWriter
-from msg_tools.bag.recorder import parameters_of
+from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.sqlite import open_bag
 
 CPU_SECONDS = 2.0

@@ -49,7 +49,7 @@ from pointing_model.runs.plate_solves.frames import parse_frame, to_icrs
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import Site, Weather, observed_place, observed_to_icrs
 from pointing_model.sky.star_catalogue import load_catalogue
-from telescope_mount.observing.pairing import centred
+from telescope_mount.observing.reading_pairs import centred
 
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
 START = 1_795_000_000.0  # 2026-11-18T11:06:40Z

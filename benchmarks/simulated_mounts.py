@@ -42,7 +42,7 @@ from pointing_model.mounts import through_pole
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import load_catalogue
-from telescope_mount.observing.pairing import centred
+from telescope_mount.observing.reading_pairs import centred
 
 START = 1_768_482_000  # 2026-01-15 13:00 UTC
 #: s from one star to the next, and from its first exposure to the one that counts

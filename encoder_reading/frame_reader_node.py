@@ -25,8 +25,9 @@ import numpy as np
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
 from msg_tools.power_on import PowerOns
+from pointing_model.mount_kinds import KINDS, USUAL
 
-from .axis_reader import MOUNTS, AxisReader, lowest_reading
+from .axis_reader import AxisReader, lowest_reading
 from .design import UNITS, Design, disc_of
 from .messages import AngleOutput, Batch, read_frame
 
@@ -43,13 +44,13 @@ def _param(axis, item):
         fixed=True)
 
 
-_JOINTS = dict(zip(MOUNTS, (convert.JOINTS[i] for i in (0, 1, 1, 2, 3))))
 #: parameters of each axis with the field of `Design` that they give
 DESIGN_PARAMS = {axis: [(item, _param(axis, item)) for item in fields(Design)]
                  for axis in convert.AXES}
 PARAMS = (
-    Param('mount', MOUNTS[0], 'kind of the mount, which names the joints; the parameters '
-          'azimuth.* are of its first axis, elevation.* of its second', choices=MOUNTS, fixed=True),
+    Param('mount', USUAL, 'kind of the mount, which names the joints; the parameters '
+          'azimuth.* are of its first axis, elevation.* of its second', choices=tuple(KINDS),
+          fixed=True),
     *(param for axis in convert.AXES for _, param in DESIGN_PARAMS[axis]),
     Param('max_batch', 32, 'most images read at once when they come faster than they are read',
           1, 256),
@@ -71,7 +72,7 @@ def axes_of(values):
     """
     out = []
     lowest = lowest_reading(values['mount'])
-    for name, (axis, params) in zip(_JOINTS[values['mount']], DESIGN_PARAMS.items()):
+    for name, (axis, params) in zip(KINDS[values['mount']].keys, DESIGN_PARAMS.items()):
         drawing = {item.name: values[param.name] * UNITS[item.metadata['unit']]
                    if item.type is float else values[param.name] for item, param in params}
         try:

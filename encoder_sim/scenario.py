@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msg_tools.units import DEG
+from pointing_model.mount_kinds import KINDS
 
 from . import keyed_noise
 from .absolute import Absolute
@@ -36,12 +37,6 @@ from .mount_geometry import MountErrors
 from .seeing import AirLayers, Seeing
 from .star_camera import CameraErrors
 from .wind_gusts import Wind
-
-#: travel of both axes (deg) that a mount has if its scenario does not say, by kind: the second
-#: axis of a German mount goes through the pole, the first to 10 deg past the meridian
-TRAVEL = {'equatorial': ((-180.0, 180.0), (-100.0, 100.0)),
-          'german': ((-10.0, 190.0), (-90.0, 270.0)),
-          'free': ((-180.0, 180.0), (-100.0, 100.0)), 'xy': ((-95.0, 95.0), (-95.0, 95.0))}
 
 
 @dataclass(frozen=True)
@@ -152,8 +147,10 @@ class Scenario:
     def on_mount(self, kind):
         """The same instruments on a perfect mount of another kind, with the travel of such one."""
         mount = MountErrors(kind=kind)
-        travel = [tuple(end * DEG for end in ends) for ends in TRAVEL.get(
-            mount.at().kind, ((-36000.0, 36000.0), (-1.0, 91.0)))]
+        kind = KINDS[mount.at().kind]
+        # cables of an azimuth axis that is simulated wind up for as long as it may take
+        travel = [tuple(end * DEG for end in ends) for ends in (
+            ((-36000.0, 36000.0), (-1.0, 91.0)) if kind.vertical else kind.travel_deg)]
         axes = {axis: replace(getattr(self.axes, axis), travel_min=low, travel_max=high)
                 for axis, (low, high) in zip(('azimuth', 'elevation'), travel)}
         return replace(self, mount=mount, axes=replace(self.axes, **axes))

@@ -19,12 +19,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from pointing_model.mount_kinds import KINDS, USUAL
+
 from .older_frames import is_y_up
 
-AXES = ('azimuth', 'elevation')
-#: the two joints of every kind of mount, the first axis first
-JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'),
-          ('x_angle', 'y_angle'))
+AXES = KINDS[USUAL].keys
 #: links of the URDF: x east, y north, z up; along the tube z forward, x right, y down (REP 103)
 MOUNT_FRAME, OPTICAL_FRAME = 'mount_enu', 'boresight_optical'
 #: that of the first axis at rest: both axes at zero look along its x
@@ -73,7 +72,7 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
     position, velocity, effort : sequence of 2 float
         First and second axis, rad, rad/s, and what the topic defines.
     names : sequence of str
-        Of the axes, one of `JOINTS`.
+        Of the axes, one of `joint_pairs`.
     """
     from sensor_msgs.msg import JointState
     message = stamped(JointState, ns, frame)
@@ -84,8 +83,13 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
     return message
 
 
+def joint_pairs():
+    """The two joints of every kind of mount, the first axis first."""
+    return list(dict.fromkeys(kind.keys for kind in KINDS.values()))
+
+
 def joints_of(names):
-    """Which of `JOINTS` is among the names of joints, in whatever order.
+    """Which of `joint_pairs` is among the names of joints, in whatever order.
 
     Raises
     ------
@@ -98,10 +102,10 @@ def joints_of(names):
 @lru_cache(maxsize=16)  # each reading has the same
 def _joints_of(names):
     """As `joints_of`, and where the first and the second axis stand."""
-    found = next((pair for pair in JOINTS if set(pair) <= set(names)), None)
+    found = next((pair for pair in joint_pairs() if set(pair) <= set(names)), None)
     if found is None:
         raise ValueError(f'joint names {list(names)}: need '
-                         + ', or '.join(' and '.join(pair) for pair in JOINTS))
+                         + ', or '.join(' and '.join(pair) for pair in joint_pairs()))
     return found, tuple(names.index(axis) for axis in found)
 
 
@@ -194,7 +198,7 @@ def trajectory(ns, times, positions, velocities, names=AXES):
     positions, velocities : array_like, shape (n, 2)
         First and second axis, rad and rad/s.
     names : sequence of str
-        Of the axes, one of `JOINTS`.
+        Of the axes, one of `joint_pairs`.
     """
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
     message = stamped(JointTrajectory, ns, MOUNT_FRAME)

@@ -27,11 +27,11 @@ from std_srvs.srv import SetBool
 
 from . import topics
 from .bag import BagWriter
-from .bag.compression import COMPRESSORS, DEFAULT_COMPRESSION
+from .bag.bag_pair import BagPair
 from .bag.parameter_query import ParameterCollector, as_text
-from .bag.recorder import Recorder
-from .bag.topic_selection import DEPTH, Selection, adapt_qos, check_patterns, versions
-from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param
+from .bag.topic_selection import DEPTH, Selection, adapt_qos, versions
+from .mcap_logger_params import PARAMS
+from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode
 from .readiness import AWAITED
 from .topics import Topic
 
@@ -42,32 +42,6 @@ NOT_BY_DEFAULT = (topics.ABSOLUTE_FRAME.name,)
 PLACES = ('folder', 'truth_folder', 'diagnosis_page')
 #: s between two looks at the graph for topics and publishers
 DISCOVERY = 0.25
-
-PARAMS = (
-    Param('folder', 'telescope_mount_log', 'folder of the log; it must not exist or be empty',
-          fixed=True),
-    Param('truth_folder', '', 'folder for truth/*; empty: beside the log, with _truth added',
-          fixed=True),
-    Param('topics', [''], 'what to record, by the names of the graph or full names; empty, and '
-          'no pattern: the whole graph but its frames', fixed=True),
-    Param('patterns', [''], 'regular expressions; a topic whose full name matches one is recorded',
-          check=check_patterns, fixed=True),
-    Param('exclude', [''], 'regular expressions; a topic whose full name matches one is not',
-          check=check_patterns, fixed=True),
-    Param('all', False, 'record every topic there is, whenever it appears', fixed=True),
-    Param('compression', DEFAULT_COMPRESSION, 'of the chunks', choices=tuple(COMPRESSORS),
-          fixed=True),
-    Param('flush_period_s', 0.5, 'wall time after which what came is safe on the disk [s]', 0.05,
-          60.0, fixed=True),
-    Param('max_file_mb', 0.0, 'size after which a new file is begun [MB]; 0: never', 0.0, 1e6,
-          fixed=True),
-    Param('max_file_s', 0.0, 'log time after which a new file is begun [s]; 0: never', 0.0, 1e7,
-          fixed=True),
-    Param('snapshot_mb', 0.0, 'keep so much in memory and write it only when ~/snapshot is called '
-          '[MB]; 0: record all', 0.0, 4096.0, fixed=True),
-    Param('provenance', True, 'ask all nodes for their parameters and put them into the log',
-          fixed=True),
-)
 
 
 class McapLogger(MountNode):
@@ -81,7 +55,7 @@ class McapLogger(MountNode):
         self._known = {self.resolve_topic_name(topic.name): topic for topic in topics.ALL}
         self._selection = self._select()
         folder = self.value('folder')
-        self._recorder = Recorder(
+        self._bags = BagPair(
             self._make_bag, folder, self.value('truth_folder') or folder.rstrip('/') + '_truth',
             self.get_logger(), round(self.value('snapshot_mb') * 1e6))
         self._recorded = {}  # full name -> (subscription, counter)
@@ -95,7 +69,7 @@ class McapLogger(MountNode):
             self._take_parameters(self.get_fully_qualified_name(), {
                 name: as_text(self.value(name)) for name in self._params})
         self._make_services()
-        self.every(self.value('flush_period_s'), self._recorder.flush)
+        self.every(self.value('flush_period_s'), self._bags.flush)
         self.every(DISCOVERY, self._discover)
 
     # --- what is recorded -------------------------------------------------------------------
@@ -132,7 +106,7 @@ class McapLogger(MountNode):
         deep = copy.copy(qos)
         deep.depth = max(qos.depth, DEPTH)
         keep = name == self.resolve_topic_name(topics.MODEL.name)
-        clock, take_message = self.get_clock(), self._recorder.take
+        clock, take_message = self.get_clock(), self._bags.take
 
         def take(data, info):
             counter.received(info)
@@ -152,7 +126,7 @@ class McapLogger(MountNode):
             event_callbacks=NO_SUBSCRIPTION_EVENTS, **options)
         counter.sequence.present = sub.get_publisher_count
         try:
-            self._recorder.add_topic(
+            self._bags.add_topic(
                 name, type_name, offers, self._type_hash(name, type_name))
         except (ValueError, OSError):
             self.destroy_subscription(sub)
@@ -184,7 +158,7 @@ class McapLogger(MountNode):
             elif name in self._suspect:
                 self._suspect.discard(name)
             self._warn_of_gaps(name, counter)
-        if self.value('provenance') and not self._recorder.error:
+        if self.value('provenance') and not self._bags.error:
             before = self._collector.awaited
             self._collector.step()
             if before and not self._collector.awaited:
@@ -251,16 +225,16 @@ class McapLogger(MountNode):
     # --- services ---------------------------------------------------------------------------
 
     def _make_services(self):
-        recorder = self._recorder
-        for call, once in ((recorder.pause, False), (recorder.resume, False),
-                           (recorder.is_paused, False), (recorder.split_bagfile, True),
-                           (recorder.snapshot, True)):
+        bags = self._bags
+        for call, once in ((bags.pause, False), (bags.resume, False),
+                           (bags.is_paused, False), (bags.split_bagfile, True),
+                           (bags.snapshot, True)):
             self.serve(f'~/{call.__name__}', call, once)
         self.create_service(SetBool, '~/set_paused', self._on_set_paused)
 
     def _on_set_paused(self, request, response):
         response.success, response.message = (
-            self._recorder.pause() if request.data else self._recorder.resume())
+            self._bags.pause() if request.data else self._bags.resume())
         return response
 
     # --- provenance -------------------------------------------------------------------------
@@ -268,7 +242,7 @@ class McapLogger(MountNode):
     def _take_parameters(self, node, values, truth=()):
         values = {key: as_text(Path(json.loads(text)).name) if key in PLACES else text
                   for key, text in values.items()}
-        self._recorder.add_parameters(node, values, truth)
+        self._bags.add_parameters(node, values, truth)
         # what a node was given to read belongs to its parameters
         text = json.loads(values.get('model_file', '""'))
         if not text or self._attached or not Path(text).is_file():
@@ -278,19 +252,19 @@ class McapLogger(MountNode):
         except OSError:
             return
         self._attached = True
-        self._recorder.attach('reference_model.json', 'application/octet-stream', data)
+        self._bags.attach('reference_model.json', 'application/octet-stream', data)
 
     def problems(self):
         """A disk that refused, topics that cannot be had."""
-        out = [(DiagnosticStatus.ERROR, error)] if (error := self._recorder.error) else []
+        out = [(DiagnosticStatus.ERROR, error)] if (error := self._bags.error) else []
         return out + [(DiagnosticStatus.WARN, f'{name} is not recorded')
                       for name in sorted(self._refused)]
 
     def details(self):
         """Where the log is, and what was lost of whom."""
-        recorder = self._recorder
-        return [('folder', Path(recorder.bag.folder).name), ('file', recorder.bag.file.name),
-                ('messages written', str(recorder.written)), ('state', recorder.state)]
+        bags = self._bags
+        return [('folder', Path(bags.bag.folder).name), ('file', bags.bag.file.name),
+                ('messages written', str(bags.written)), ('state', bags.state)]
 
     def reported(self):
         """Nodes whose parameters are awaited, and what was lost of whom."""
@@ -304,4 +278,4 @@ class McapLogger(MountNode):
         if self._model is not None:
             size = int.from_bytes(self._model[4:8], 'little')
             model = (('model.json', 'application/json', self._model[8:7 + size]),)
-        self._recorder.close(*model)
+        self._bags.close(*model)

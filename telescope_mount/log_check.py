@@ -29,7 +29,7 @@ from calibration.analysis.harmonic_fit import choice_of_report
 from calibration.night_series import state_of
 from msg_tools import topics
 from msg_tools.bag import BagReader
-from msg_tools.bag.recorder import parameters_of
+from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.topic_names import prefix_of
 from msg_tools.convert import from_stamp, read_sky_vector
 from msg_tools.homing import cloud_to_homing

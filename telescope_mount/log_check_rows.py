@@ -24,7 +24,7 @@ import numpy as np
 from msg_tools.convert import read_joints, read_trajectory
 from pointing_model.mounts import is_beyond
 from telescope_mount.observing.axis_demand import Track
-from telescope_mount.observing.pairing import (
+from telescope_mount.observing.reading_pairs import (
     CLOCK_JUMP,
     RATE_OVER,
     centred,

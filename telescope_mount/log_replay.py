@@ -22,7 +22,7 @@ from pathlib import Path
 
 from msg_tools import topics
 from msg_tools.bag import BagReader
-from msg_tools.bag.recorder import parameters_of
+from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.topic_names import prefix_of
 from msg_tools.status_rows import Taken
 from msg_tools.whole_files import write_text

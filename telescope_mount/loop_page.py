@@ -38,7 +38,7 @@ from calibration.report.page_parts import (
 )
 from calibration.report.provenance import provenance_section, site_text
 from calibration.report.residual_figures import controls_alone, target
-from msg_tools.bag.recorder import parameters_of
+from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC
 from msg_tools.whole_files import write_text

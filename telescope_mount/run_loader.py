@@ -24,7 +24,7 @@ from calibration.analysis.solve_check import check_solves
 from calibration.report.wording import wording
 from msg_tools import topics
 from msg_tools.bag import BagReader
-from msg_tools.bag.recorder import parameters_of
+from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.topic_names import prefix_of
 from msg_tools.units import DEG
 from pointing_model.context import Context
@@ -326,7 +326,7 @@ def _without_check_rows(run):
 
 def _readings(columns, beyond=False):
     """Readings of the encoders at the exposure, from those with the star centred."""
-    from telescope_mount.observing.pairing import centred
+    from telescope_mount.observing.reading_pairs import centred
     az, el = columns['az_enc'], columns['el_enc']
     if 'miss_x' not in columns or 'miss_y' not in columns:
         return az, el

@@ -30,7 +30,7 @@ from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.places import DEFAULT_WEATHER, Site, Weather, icrs_to_observed
 from telescope_mount.night_files import log_of
 
-from .observing.pairing import centred
+from .observing.reading_pairs import centred
 from .run_loader import load_run
 
 #: columns that name the satellite of a row

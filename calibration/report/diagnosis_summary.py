@@ -21,25 +21,18 @@ import numpy as np
 from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import USUAL, kind_of
 
-from .cause_wording import counted, open_causes, short_cause, still_open
+from .cause_wording import open_causes, short_cause, still_open
 from .error_table import ErrorLine
 from .figure_wording import STAYS, best_pair, way_size
 from .observation_wording import place_words, proposals
 from .period_wording import PHASE
 from .row_wording import bad_nights, far_text, left_out_lines
-from .scatter_wording import axes_sentence, axes_words, is_headline, scatter_sentence
-from .verdict_wording import slow_is_largest
+from .scatter_wording import axes_sentence, is_headline, scatter_sentence
+from .verdict_wording import short_headline, slow_is_largest
 
 MOST_OUTLIERS, _REASONS = 3, 2
 #: why a row is excluded, where that is said elsewhere
 _EXPLAINED = ('outlier', 'commented out')
-_HEADLINES = {
-    'none': 'No significant error{beyond}.',
-    'wanders': 'No effect found{beyond}. The noise is correlated: the zero drifts.',
-    'undecided': 'Undecided: an error is significant, but these rows cannot test its cause.',
-    'refused': 'Nothing is concluded: too few of the rows are usable.',
-    'withheld': 'No change: with the effects that were found the model points worse.',
-    'taken_back': 'Effects removed again: with them the model points worse on new stars.'}
 
 
 @dataclass
@@ -92,7 +85,7 @@ def summary_of(document, names, reaches, cautions=()):
     if not stays:
         numbers.append((after, f'with {len(effects)} effect{"s" * (len(effects) > 1)}'))
     return DiagnosisSummary(
-        _headline(document, effects),
+        short_headline(document, effects),
         [(way_size(value), word) for value, word in numbers if value is not None],
         label, effects, [*filter(None, cautions), *_cautions(document)],
         '' if stays else _todo(document))
@@ -101,31 +94,6 @@ def summary_of(document, names, reaches, cautions=()):
 def _terms(document):
     count = len(document.get('base_terms') or ())
     return f'with {count} term{"s" * (count != 1)}'
-
-
-def _beyond(document):
-    terms = len(document.get('base_terms') or ())
-    return f' beyond the {terms}-term model of {kind_of(document).words}' * bool(terms)
-
-
-def _headline(document, effects):
-    text = _HEADLINES.get(document['verdict'])
-    if document['verdict'] == 'none' and is_headline(document):
-        words = axes_words(document)
-        return f'{words[:1].upper()}{words[1:]}. No effect explains that.'
-    if text:
-        return text.format(beyond=_beyond(document))
-    if not effects:
-        return f'An error remains{_beyond(document)}; its cause is unknown.'
-    first = effects[0]
-    text = f'{first.name}, {first.size.split(", ")[0]}' if first.size else first.name
-    text += f' ({first.stability})' * bool(first.stability)
-    if slow_is_largest(document):
-        size = arcsec(document['wander']['removes_rms_arcsec'])
-        return f'Correlated noise, {size} RMS, is the largest error; its cause is unknown. {text}.'
-    count = len(effects)
-    return f'{text}. ' + ('The only' if count == 1 else f'Largest of {counted(count, "")[:-1]}'
-                          ).strip() + f' error{"s" * (count > 1)}{_beyond(document) or " found"}.'
 
 
 def _line(document, row, name, reach):

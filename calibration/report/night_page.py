@@ -25,7 +25,7 @@ from calibration.distrust import distrusted
 from calibration.report.row_wording import expected_sentence
 from calibration.report.track_page import innovations_figure, tracking_lines
 from calibration.rows import is_kept_out
-from msg_tools.bag.recorder import parameters_of
+from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.bag.topic_names import prefix_of
 from msg_tools.units import ARCSEC

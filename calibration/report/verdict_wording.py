@@ -40,6 +40,14 @@ VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero drifts', 'undecided'
             'identified': 'cause identified', 'ambiguous': 'found; the cause is open',
             'unknown': 'cause unknown', 'refused': 'nothing concluded',
             'withheld': 'not published', 'taken_back': 'taken back'}
+#: verdict -> its headline, where there is no effect to name
+HEADLINES = {
+    'none': 'No significant error{beyond}.',
+    'wanders': 'No effect found{beyond}. The noise is correlated: the zero drifts.',
+    'undecided': 'Undecided: an error is significant, but these rows cannot test its cause.',
+    'refused': 'Nothing is concluded: too few of the rows are usable.',
+    'withheld': 'No change: with the effects that were found the model points worse.',
+    'taken_back': 'Effects removed again: with them the model points worse on new stars.'}
 #: verdicts that name no effect
 _WITHOUT_EFFECTS = ('refused', 'none', 'undecided', 'wanders')
 
@@ -107,6 +115,44 @@ class Verdict:
                 *(one.text for one in self.rest)]
 
 
+def short_headline(document, effects):
+    """What is read first: the largest error, its size, how sure it is.
+
+    Parameters
+    ----------
+    document : dict
+        `Diagnosis.to_dict()`.
+    effects : list of error_table.ErrorLine
+        The largest first.
+
+    Returns
+    -------
+    str
+    """
+    text = HEADLINES.get(document['verdict'])
+    if document['verdict'] == 'none' and is_headline(document):
+        words = axes_words(document)
+        return f'{words[:1].upper()}{words[1:]}. No effect explains that.'
+    if text:
+        return text.format(beyond=_beyond_terms(document))
+    if not effects:
+        return f'An error remains{_beyond_terms(document)}; its cause is unknown.'
+    first = effects[0]
+    text = f'{first.name}, {first.size.split(", ")[0]}' if first.size else first.name
+    text += f' ({first.stability})' * bool(first.stability)
+    if slow_is_largest(document):
+        size = arcsec(document['wander']['removes_rms_arcsec'])
+        return f'Correlated noise, {size} RMS, is the largest error; its cause is unknown. {text}.'
+    count = len(effects)
+    which = 'The only error' if count == 1 else f'Largest of {counted(count, "error")}'
+    return f'{text}. {which}{_beyond_terms(document) or " found"}.'
+
+
+def _beyond_terms(document):
+    terms = len(document.get('base_terms') or ())
+    return f' beyond the {terms}-term model of {kind_of(document).words}' * bool(terms)
+
+
 def verdict_summary(document, effects=(), limit=5, caution=''):
     """The verdict of a diagnosis, and what it bought: the same for page, command, node and Python.
 
@@ -142,12 +188,12 @@ def _statements(document, effects, caution):
             outlier_sentence(document)]
     odd = [led(implausible_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
-        return 'Nothing is concluded: too few of the rows are usable', [caution], last
+        return HEADLINES[verdict].removesuffix('.'), [caution], last
     if verdict == 'none':
         return _nothing(document, caution, odd, last)
     if verdict == 'undecided':
-        return ('Undecided: an error is significant, but these rows cannot test its cause',
-                [caution, *odd], ['The model stays as it was.', *last])
+        return (HEADLINES[verdict].removesuffix('.'), [caution, *odd],
+                ['The model stays as it was.', *last])
     if verdict == 'wanders':
         correlation = document['wander']
         what, then = (
@@ -163,7 +209,7 @@ def _statements(document, effects, caution):
     axes = kind_of(document).axes
     first, rest = [*odd, caution, *bad_nights(document, axes)], [worst_sentence(document), *last]
     (first if slow_is_largest(document) else rest)[:0] = _correlation(document)
-    return (_headline(document, effects),
+    return (_long_headline(document, effects),
             [*first, count_sentence(document), repeat_sentence(document)], rest)
 
 
@@ -226,8 +272,8 @@ def _ranked(document, effects):
     return out
 
 
-def _headline(document, effects):
-    """What is wrong with the mount: the largest error, its size, its cost; and what remains."""
+def _long_headline(document, effects):
+    """The largest error, its size, its cost; and what remains."""
     count = len(document['effects'])
     if document['verdict'] in ('withheld', 'taken_back'):
         many, them = ('One effect', 'it') if count == 1 else (f'{count} effects', 'them')

@@ -22,7 +22,8 @@ from pointing_model.sky.places import DEFAULT_WEATHER, observed_place
 from pointing_model.sky.star_catalogue import StarTarget, load_catalogue
 
 from ..observing.axis_demand import Pointing
-from ..observing.star_choice import AxisLimits, axes_at, has_neighbour
+from ..observing.star_choice import AxisLimits, axes_at
+from ..observing.star_neighbours import has_neighbour
 from .samples import OK, WRONG, Remark, Remarks
 
 #: by how much a camera may be turned and its scale be wrong, rad and 1

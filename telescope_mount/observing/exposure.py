@@ -29,7 +29,7 @@ from .clock_offset import Drifting, row_of
 from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .night_row import Measured, night_row
-from .pairing import centred, centred_second
+from .reading_pairs import centred, centred_second
 
 #: exposures without a star after which it is given up: one that was under way when the mount was
 #: commanded is smeared

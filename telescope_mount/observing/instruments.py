@@ -23,7 +23,7 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 
 from .instrument_health import ABSOLUTE, CAMERA, MOUNT, InstrumentHealth
-from .pairing import ENCODERS, Exposures
+from .reading_pairs import ENCODERS, Exposures
 from .zero_jumps import ZeroJumps
 
 #: an axis slower than this stands still, rad/s

@@ -28,7 +28,7 @@ from std_msgs.msg import Int32, String
 
 from msg_tools import topics
 from msg_tools.bag import BagReader
-from msg_tools.bag.recorder import Ring
+from msg_tools.bag.bag_pair import Ring
 from msg_tools.bag.topic_selection import Selection, adapt_qos
 from msg_tools.mcap_logger_node import McapLogger
 from msg_tools.topics import Topic
@@ -238,7 +238,7 @@ def test_files_of_limited_size_and_time(graph, tmp_path):
     bag = finish(graph, logger, tmp_path / 'log')
     assert len(bag.files) > 2 and bag.complete
     assert data_of(bag, '/lab/numbers') == [number(i) for i in range(300)]
-    assert logger._recorder.bag._max_span == 10**15
+    assert logger._bags.bag._max_span == 10**15
 
 
 def test_snapshot_keeps_the_newest(graph, tmp_path):
@@ -255,7 +255,7 @@ def test_parameters_of_all_nodes_are_in_the_log(graph, tmp_path):
     logger = add(graph, tmp_path, topics=['/lab/numbers'], provenance=True)
     from calibration.calibration_node import Calibration
     graph.add(Calibration, split_seed=77)
-    graph.wait_for(lambda: '/mount/calibration' in logger._recorder.parameters, 'its parameters')
+    graph.wait_for(lambda: '/mount/calibration' in logger._bags.parameters, 'its parameters')
     bag = finish(graph, logger, tmp_path / 'log')
     values = bag.metadata['parameters /mount/calibration']
     assert json.loads(values['split_seed']) == 77

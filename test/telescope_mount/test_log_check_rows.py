@@ -29,7 +29,7 @@ from pointing_model.runs.run_messages import run_to_cloud
 from telescope_mount.log_check import _read
 from telescope_mount.log_comparison import LogComparison
 from telescope_mount.observing.axis_demand import Track
-from telescope_mount.observing.pairing import RATE_OVER, Exposures, centred
+from telescope_mount.observing.reading_pairs import RATE_OVER, Exposures, centred
 
 SECOND = 10**9
 START = 1_768_482_000 * SECOND

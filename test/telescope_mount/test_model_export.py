@@ -25,7 +25,7 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.runs.formats import write_csv
-from pointing_model.runs.model_files import read_model
+from pointing_model.runs.model_files import PROGRAMS, read_model
 from pointing_model.runs.run import PointingRun
 
 TERMS = {name: value * ARCSEC for name, value in {
@@ -64,8 +64,7 @@ def test_a_file_of_another_program_is_written_with_a_word_on_undetermined_terms(
             'all of them here') in ' '.join(said.split())
 
 
-@pytest.mark.parametrize('to', ['tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table',
-                                'model'])
+@pytest.mark.parametrize('to', [*PROGRAMS, 'table', 'model'])
 def test_a_file_that_reads_back(ended, model, tmp_path, to):
     out = tmp_path / ('out.yaml' if to == 'model' else 'out.dat')
     code, said, err = ended('export', model[0], out, '--to', to, '--json', tmp_path / 'told.json',

@@ -22,6 +22,9 @@ import pytest
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.term_fit import fit_terms
 from calibration.report.figure_wording import model_words
+from encoder_reading.frame_reader_node import PARAMS, axes_of
+from encoder_sim.scenario import Scenario
+from msg_tools.convert import joint_state, read_joints
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import KINDS
@@ -94,3 +97,14 @@ def test_guard_stars_and_picture_know_it(mount):
     assert (np.abs(mount.axes_of(az, el)[1]) < 85.0 * DEG).all()
     night = {spec.name: spec.parameters for spec in night_graph(bag='bag', mount='rollpitch')}
     assert night['star_observer']['mount'] == night['mount_guard']['mount'] == 'rollpitch'
+
+
+def test_simulator_readers_and_messages_know_it(mount):
+    axes = Scenario().on_mount('rollpitch').axes
+    travel = [(axis.travel_min, axis.travel_max) for axis in (axes.azimuth, axes.elevation)]
+    np.testing.assert_allclose(travel, np.radians(ALT_ALT.travel_deg))
+    message = joint_state(0, (0.1, 0.2), names=ALT_ALT.keys)
+    message.name, message.position = message.name[::-1], message.position[::-1]
+    assert read_joints(message)[1] == pytest.approx((0.1, 0.2))
+    readers = axes_of({**{param.name: param.default for param in PARAMS}, 'mount': 'rollpitch'})
+    assert [reader.axis for reader in readers] == ['roll', 'pitch']

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from msg_tools.bag import BagReader, BagWriter
-from msg_tools.bag.recorder import RECORD
+from msg_tools.bag.bag_pair import RECORD
 from telescope_mount.commands.info import log_info
 from telescope_mount.log_check import verify_log
 from telescope_mount.run_loader import run_of_log

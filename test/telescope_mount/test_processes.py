@@ -37,7 +37,7 @@ def fork_server(ros_domain, tmp_path_factory):
 def processes(ros_domain, tmp_path, fork_server, monkeypatch):
     """All by one fork server, which imports for most of a second."""
     monkeypatch.setattr(fork_server, 'close', lambda: None)
-    monkeypatch.setattr('telescope_mount.processes.ForkServer', lambda log: fork_server)
+    monkeypatch.setattr('telescope_mount.processes.ForkServer', lambda *_: fork_server)
     started = Processes(tmp_path / 'nodes', ros_domain)
     yield started
     started.stop()

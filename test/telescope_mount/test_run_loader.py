@@ -29,7 +29,7 @@ from pointing_model.sky.star_catalogue import POLARIS_HIP
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run
 from telescope_mount.log_check import verify_log
-from telescope_mount.observing.pairing import centred
+from telescope_mount.observing.reading_pairs import centred
 from telescope_mount.run_loader import _readings, load_run, load_runs
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'

@@ -14,9 +14,10 @@
 
 """Models that other programs read and write: theirs as ours, ours as theirs.
 
-A file for each program, whose `PROGRAM` is found by itself: its terms, signs and units, what it
-computes, its file. What they share (which columns a model is made of, what a program cannot hold
-and how much that is) is in `term_columns` and `transfer`.
+A file for each program, whose `PROGRAM` is found by itself (``--to`` names it, in
+`commands.export`): its terms, signs and units, what it computes, its file. What they share (which
+columns a model is made of, what a program cannot hold and how much that is) is in `term_columns`
+and `transfer`.
 """
 
 from dataclasses import dataclass, field

@@ -25,7 +25,7 @@ from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from pointing_model.sky.star_catalogue import load_catalogue
-from telescope_mount.observing.pairing import centred
+from telescope_mount.observing.reading_pairs import centred
 from telescope_mount.observing.star_choice import choose_stars
 
 LATITUDE = DEFAULT_SITE.latitude

@@ -23,7 +23,7 @@ from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_pl
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.bridges.indi.pointing import place_of_date
 from telescope_mount.bridges.indi.star_field import StarField
-from telescope_mount.observing.pairing import centred
+from telescope_mount.observing.reading_pairs import centred
 
 MOUNT = Mount.equatorial(DEFAULT_SITE.latitude, 'german')
 STAMP = 1_768_482_000 * 10**9

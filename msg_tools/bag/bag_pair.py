@@ -55,7 +55,7 @@ class Ring:
         return rows
 
 
-class Recorder:
+class BagPair:
     """Two bags, the second for the truth, which fit and diagnose refuse.
 
     Parameters

@@ -18,7 +18,7 @@ import pytest
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.zero_drift import interpolate
 from telescope_mount.observing.axis_demand import Track
-from telescope_mount.observing.pairing import Exposures, Readings, centred
+from telescope_mount.observing.reading_pairs import Exposures, Readings, centred
 
 NS = 1_768_482_000_000_000_000
 SECOND = 10**9
