@@ -290,8 +290,8 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
         CSV, TPOINT, TheSky, MMT, IRAM, MountWizzard4, gpoint, ... or the folder of a log: see
         `pointing_model.runs.formats.read_run`.
     mount : str, optional
-        ``altaz``, ``equatorial``, ``german`` or ``free:AZ,EL[,ROLL]``, in place of what the file
-        tells.
+        ``altaz``, ``equatorial``, ``german``, ``xy[:AZ]`` or ``free:AZ,EL[,ROLL]``, in place of
+        what the file tells.
     latitude_deg, longitude_deg, height_m : float, optional
         Of the site (degrees, east positive; metres), where the file does not tell it.
     pressure_hpa, temperature_c : float, optional

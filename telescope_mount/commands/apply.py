@@ -51,8 +51,9 @@ def add(commands):
     options.add(parser, 'latitude', 'longitude', 'height', 'pressure', 'temperature')
     options.add(parser, 'equinox', help='of ra_deg, dec_deg: J2000 (default, with the ICRS), or '
                 'apparent places of date')
-    options.add(parser, 'mount', help='that a model of another program is of: equatorial, german '
-                '(with --latitude), free:AZ,EL[,ROLL]; its columns are then ha_deg, dec_deg ...')
+    options.add(parser, 'mount', help='that a model of another program is of: '
+                f'{options.MOUNT_KINDS}; equatorial ones with --latitude. Its columns are then '
+                'ha_deg, dec_deg ...')
 
 
 def run(args):

@@ -65,7 +65,7 @@ def add(commands):
                 'and runs of equatorial mounts, and for --to indi')
     options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'equinox')
     options.add(parser, 'mount', help='that a run, or a model of another program, is of: '
-                'equatorial, german (with --latitude), xy, free:AZ,EL[,ROLL]')
+                f'{options.MOUNT_KINDS}; equatorial ones with --latitude')
 
 
 def run(args):

@@ -141,7 +141,7 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     -----
     The sky between the limits is divided into `n` cells of equal area. In each cell that star is
     taken that adds most to the determinant of the normal equations of paper 000's 13 harmonics.
-    A star with a neighbour within 30' that is less than 2 magnitudes fainter is not taken.
+    A star with a neighbour (`star_neighbours`) is not taken.
     The order is that of `observing_order`.
     """
     if not (0 <= min_el < max_el <= np.pi / 2.0):

@@ -122,7 +122,7 @@ def next_star(tracker, az, el, here, everywhere, waited=0.0, *, sigma, exposure_
         With readout and centring.
     slew : SlewTime, optional
     allowed : ndarray of bool, shape (n,), optional
-        Above the horizon, within limits, off Sun and Moon; all by default.
+        Above the horizon, within limits, off the Sun; all by default.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def next_star(tracker, az, el, here, everywhere, waited=0.0, *, sigma, exposure_
     rows = np.flatnonzero(np.ones(len(az), bool) if allowed is None else allowed)
     if not len(rows):
         raise ValueError('no star that may be looked at: all candidates are below the horizon, '
-                         'beyond limits, or near Sun or Moon')
+                         'beyond limits, or near the Sun')
     seconds = (slew or SlewTime()).seconds(tracker.mount, here, (az[rows], el[rows])) + exposure_s
     noise = np.broadcast_to(np.asarray(sigma, float), len(az))[rows] ** 2
     covariance = tracker.ahead(waited + float(np.median(seconds)))

@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pointing runs from files: our CSV, TPOINT, the raw nights of the MMT, logs of the IRAM 30 m."""
+"""Pointing runs from files, a module for each format, whose `FORMAT` is found by itself.
+
+`run_reader` tries them; all other modules are what formats share.
+"""
 
 from .checks import NoUsableRow
 from .csv import iso_utc, write_csv
