@@ -128,8 +128,9 @@ def main():
         if args.only and not name.startswith(tuple(args.only)):
             continue
         for kind in cause.mounts:
-            for rows, size in cause.sizes or SIZES:
-                measure(name, kind, args.rows or rows, args.size or size, args)
+            for rows, size in dict.fromkeys((args.rows or rows, args.size or size)
+                                            for rows, size in cause.sizes or SIZES):
+                measure(name, kind, rows, size, args)
 
 
 if __name__ == '__main__':
