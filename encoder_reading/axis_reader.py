@@ -19,8 +19,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from pointing_model.mount_kinds import KINDS
-
 from .frame_readings import FrameReadings
 from .paper_reader import PaperReader
 from .template_reader import TemplateReader
@@ -30,12 +28,11 @@ _METHODS = {'template': TemplateReader, 'paper': PaperReader}
 
 
 def lowest_reading(kind):
-    """Where a turn of the readings begins at a kind of mount (of `KINDS`); see `AxisReader`.
+    """Where a turn of the readings begins at a kind of mount; see `AxisReader`.
 
-    An axis that goes through the pole goes from -90 to 270 degrees, and no reading may jump on the
-    travel.
+    The axes of a German mount go from -90 to 270 degrees, and no reading may jump on the travel.
     """
-    return -0.5 * np.pi if KINDS[kind].two_sided else None
+    return -0.5 * np.pi if kind == 'german' else None
 
 
 @lru_cache(maxsize=8)

@@ -25,7 +25,6 @@ import numpy as np
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
 from msg_tools.power_on import PowerOns
-from pointing_model.mount_kinds import KINDS, USUAL
 
 from .axis_reader import AxisReader, lowest_reading
 from .design import UNITS, Design, disc_of
@@ -48,9 +47,9 @@ def _param(axis, item):
 DESIGN_PARAMS = {axis: [(item, _param(axis, item)) for item in fields(Design)]
                  for axis in convert.AXES}
 PARAMS = (
-    Param('mount', USUAL, 'kind of the mount, which names the joints; the parameters '
-          'azimuth.* are of its first axis, elevation.* of its second', choices=tuple(KINDS),
-          fixed=True),
+    Param('mount', 'altaz', 'kind of the mount, which names the joints; the parameters '
+          'azimuth.* are of its first axis, elevation.* of its second',
+          choices=tuple(convert.JOINTS), fixed=True),
     *(param for axis in convert.AXES for _, param in DESIGN_PARAMS[axis]),
     Param('max_batch', 32, 'most images read at once when they come faster than they are read',
           1, 256),
@@ -72,7 +71,7 @@ def axes_of(values):
     """
     out = []
     lowest = lowest_reading(values['mount'])
-    for name, (axis, params) in zip(KINDS[values['mount']].keys, DESIGN_PARAMS.items()):
+    for name, (axis, params) in zip(convert.JOINTS[values['mount']], DESIGN_PARAMS.items()):
         drawing = {item.name: values[param.name] * UNITS[item.metadata['unit']]
                    if item.type is float else values[param.name] for item, param in params}
         try:

@@ -19,11 +19,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from pointing_model.mount_kinds import KINDS, USUAL
-
 from .older_frames import is_y_up
 
-AXES = KINDS[USUAL].keys
+AXES = ('azimuth', 'elevation')
+#: kind of mount -> its two joints, the first axis first
+JOINTS = {'altaz': AXES, 'equatorial': ('hour_angle', 'declination'),
+          'german': ('hour_angle', 'declination'), 'free': ('first_axis', 'second_axis'),
+          'xy': ('x_angle', 'y_angle')}
 #: links of the URDF: x east, y north, z up; along the tube z forward, x right, y down (REP 103)
 MOUNT_FRAME, OPTICAL_FRAME = 'mount_enu', 'boresight_optical'
 #: that of the first axis at rest: both axes at zero look along its x
@@ -72,7 +74,7 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
     position, velocity, effort : sequence of 2 float
         First and second axis, rad, rad/s, and what the topic defines.
     names : sequence of str
-        Of the axes, one of `joint_pairs`.
+        Of the axes, one of `JOINTS`.
     """
     from sensor_msgs.msg import JointState
     message = stamped(JointState, ns, frame)
@@ -83,13 +85,8 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
     return message
 
 
-def joint_pairs():
-    """The two joints of every kind of mount, the first axis first."""
-    return list(dict.fromkeys(kind.keys for kind in KINDS.values()))
-
-
 def joints_of(names):
-    """Which of `joint_pairs` is among the names of joints, in whatever order.
+    """Which pair of `JOINTS` is among the names of joints, in whatever order.
 
     Raises
     ------
@@ -102,10 +99,10 @@ def joints_of(names):
 @lru_cache(maxsize=16)  # each reading has the same
 def _joints_of(names):
     """As `joints_of`, and where the first and the second axis stand."""
-    found = next((pair for pair in joint_pairs() if set(pair) <= set(names)), None)
+    found = next((pair for pair in JOINTS.values() if set(pair) <= set(names)), None)
     if found is None:
-        raise ValueError(f'joint names {list(names)}: need '
-                         + ', or '.join(' and '.join(pair) for pair in joint_pairs()))
+        known = dict.fromkeys(' and '.join(pair) for pair in JOINTS.values())
+        raise ValueError(f'joint names {list(names)}: need {", or ".join(known)}')
     return found, tuple(names.index(axis) for axis in found)
 
 
@@ -198,7 +195,7 @@ def trajectory(ns, times, positions, velocities, names=AXES):
     positions, velocities : array_like, shape (n, 2)
         First and second axis, rad and rad/s.
     names : sequence of str
-        Of the axes, one of `joint_pairs`.
+        Of the axes, one of `JOINTS`.
     """
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
     message = stamped(JointTrajectory, ns, MOUNT_FRAME)

@@ -206,7 +206,7 @@ def zero_to_joints(zero, ns, names=AXES):
     ns : int
         Stamp of the newest observation that it rests on.
     names : sequence of str
-        Of the axes (`msg_tools.convert.joint_pairs`).
+        Of the axes (`msg_tools.convert.JOINTS`).
     """
     return joint_state(ns, zero.angles, effort=zero.sigma, names=names)
 

@@ -174,7 +174,7 @@ def _encoder(out, samples, stream):
     for found in sorted(set(stream.names)):
         if set(wanted) <= set(found):
             continue
-        other = any(set(pair) <= set(found) for pair in convert.joint_pairs())
+        other = any(set(pair) <= set(found) for pair in convert.JOINTS.values())
         out.wrong(f'joints {", ".join(found) or "without names"}, and the mount has '
                   f'{" and ".join(wanted)}: ' + (
                       'another kind of mount? (--mount here, parameter mount of star_observer)'

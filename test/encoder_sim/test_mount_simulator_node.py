@@ -190,7 +190,7 @@ def test_out_of_travel_says_so(graph):
 
 
 def test_a_german_mount_goes_through_its_pole_by_its_own_names(graph):
-    names = convert.joint_pairs()[1]
+    names = convert.JOINTS['equatorial']
     desk = Desk(graph, scenario='german', names=names)
     graph.add(AbsoluteEncoders, scenario='german')
     absolute = graph.listen(topics.ABSOLUTE)

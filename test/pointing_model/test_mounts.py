@@ -248,6 +248,12 @@ def test_the_axes_of_a_german_mount_turn_about_the_pole():
     np.testing.assert_allclose(Mount.equatorial(0.6).on_travel(3.5, -0.3), [3.5 - 2 * np.pi, -0.3])
 
 
+def test_the_joints_of_every_mount_have_names():
+    pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+    from msg_tools.convert import JOINTS
+    assert {name: kind.keys for name, kind in KINDS.items()} == JOINTS
+
+
 def test_a_latitude_that_was_rounded_is_the_same_mount():
     one = Mount.equatorial(31.05 * DEG, 'german')
     other = Mount.equatorial(one.latitude + 1e-15, 'german')

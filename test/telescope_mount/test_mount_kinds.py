@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A kind of mount is an entry of one table: what asks for it needs no other change."""
+"""A kind of mount is an entry of one table, and its joints one in messages: no other change."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ from calibration.analysis.term_fit import fit_terms
 from calibration.report.figure_wording import model_words
 from encoder_reading.frame_reader_node import PARAMS, axes_of
 from encoder_sim.scenario import Scenario
-from msg_tools.convert import joint_state, read_joints
+from msg_tools.convert import JOINTS, joint_state, read_joints
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import KINDS
@@ -48,6 +48,7 @@ ALT_ALT = replace(KINDS['free'], words='an alt-alt mount', axes=('roll', 'pitch'
 @pytest.fixture
 def mount(monkeypatch):
     monkeypatch.setitem(KINDS, 'rollpitch', ALT_ALT)
+    monkeypatch.setitem(JOINTS, 'rollpitch', ALT_ALT.keys)
     return parse_mount('rollpitch')
 
 

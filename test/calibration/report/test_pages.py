@@ -159,7 +159,7 @@ def test_a_log_tells_how_its_instruments_did():
 
 def test_older_logs_have_the_errors_of_readings_as_joint_states(tmp_path):
     from rclpy.serialization import serialize_message
-    axes, sigmas, found = convert.joint_pairs()[1], ((1e-7, 2e-7), (3e-7, np.nan)), []
+    axes, sigmas, found = convert.JOINTS['equatorial'], ((1e-7, 2e-7), (3e-7, np.nan)), []
     older = topics.Topic('absolute/sigma', topics.ABSOLUTE.type, topics.ABSOLUTE.quality)
     for topic, messages in (
             (older, [convert.joint_state(1, pair, names=axes) for pair in sigmas]),
