@@ -147,10 +147,10 @@ class Scenario:
     def on_mount(self, kind):
         """The same instruments on a perfect mount of another kind, with the travel of such one."""
         mount = MountErrors(kind=kind)
-        kind = KINDS[mount.at().kind]
-        # cables of an azimuth axis that is simulated wind up for as long as it may take
+        names = KINDS[mount.at().kind]
+        # a simulated azimuth axis has no stop
         travel = [tuple(end * DEG for end in ends) for ends in (
-            ((-36000.0, 36000.0), (-1.0, 91.0)) if kind.vertical else kind.travel_deg)]
+            ((-36000.0, 36000.0), (-1.0, 91.0)) if names.vertical else names.travel_deg)]
         axes = {axis: replace(getattr(self.axes, axis), travel_min=low, travel_max=high)
                 for axis, (low, high) in zip(('azimuth', 'elevation'), travel)}
         return replace(self, mount=mount, axes=replace(self.axes, **axes))

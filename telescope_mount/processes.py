@@ -231,7 +231,7 @@ class Processes:
     params_file : Path, optional
         A ROS parameter file of the user's, read after the graph's own values.
     modules : sequence of str, optional
-        What this process will need, and nodes as well: imported once for all.
+        What this process will need, and nodes as well: imported once where it can be forked.
     """
 
     def __init__(self, folder, domain, params_file=None, modules=()):

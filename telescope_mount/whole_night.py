@@ -189,6 +189,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     with noted(), ExitStack() as ends:
         lock = claim(domain_number)
         ends.callback(lock.release)
+        # the page of the results needs half of what the calibration does
         nodes = Processes(folder / 'nodes', lock.number, params_file,
                           ['calibration.report.night_page'])
         ends.callback(nodes.stop)

@@ -154,7 +154,9 @@ def _beyond_terms(document):
 
 
 def verdict_summary(document, effects=(), limit=5, caution=''):
-    """The verdict of a diagnosis, and what it bought: the same for page, command, node and Python.
+    """The verdict of a diagnosis in full sentences: of ``--verbose``, the node and Python.
+
+    What the page and the terminal show first is `short_headline`.
 
     Parameters
     ----------

@@ -23,7 +23,8 @@ from msg_tools.whole_files import beside
 
 from . import options
 
-#: names that ``--to`` takes; the last is our own document
+#: names that ``--to`` takes: those of `model_files`, which is slow to import (held equal by a
+#: test), a table, our own document
 PROGRAMS = ('tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table', 'model')
 #: an array with more elements than this is no table column each: its length is written
 MAX_COLUMNS = 64

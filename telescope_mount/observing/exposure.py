@@ -202,15 +202,17 @@ class Exposer:
 
     def _check_camera(self, row):
         """Say so where the last rows are of a camera that was turned; who fits knows it of them."""
+        if row['star'] < 0:
+            return  # a satellite misses by its orbit, too
         last = self._table.latest(CAMERA_COLUMNS, LAST)
-        columns = {name: np.append(last[name], row[name]) for name in CAMERA_COLUMNS}
+        stars = np.append(last['star'], row['star']) >= 0
+        columns = {name: np.append(last[name], row[name])[stars] for name in CAMERA_COLUMNS}
         off = np.hypot(columns['miss_x'], columns['miss_y'])
         if not (np.isfinite(off[-1]) and off[-1] > np.nanmedian(off)):
-            return  # of one that was turned it grows
-        rows = PointingRun(columns, {} if self._out.mount().vertical else {
-            'mount': self._out.mount()})
-        wrong, sense = turned_rows(rows.select(rows['star'] >= 0))
-        if len(wrong) and wrong[-1]:
+            return  # with one that was turned it grows
+        wrong, sense = turned_rows(PointingRun(
+            columns, {} if self._out.mount().vertical else {'mount': self._out.mount()}))
+        if wrong[-1]:
             self._instruments.health.turned(CAMERA, int(wrong.sum()), sense)
             self.forget_aim()
 

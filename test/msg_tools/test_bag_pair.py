@@ -30,7 +30,7 @@ STATE, TEXT, TRUTH = '/mount/state', '/mount/text', '/mount/truth/text'
 def make(demo, tmp_path):
     def build(**options):
         made = BagPair(BagWriter, str(tmp_path / 'log'), str(tmp_path / 'log_truth'),
-                        logging.getLogger('pair'), **options)
+                       logging.getLogger('pair'), **options)
         for name in (TEXT, STATE):
             made.add_topic(name, demo.TEXT, [], 'RIHS01_wire')
         made.put = lambda word, when=10**18, name=TEXT, publish_time=7: made.take(
