@@ -34,7 +34,8 @@ from rich.table import Table
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
-from pointing_model.sky.places import Site, icrs_to_observed
+from pointing_model.sky.places import icrs_to_observed
+from pointing_model.sky.site import Site
 
 ROWS = (1000, 10_000, 100_000, 1_000_000)
 START = 1.7e9
@@ -76,7 +77,8 @@ def of_stars(size):
 
 def of_csv(folder, size):
     """A file of a pointing run."""
-    from pointing_model.runs.formats import read_run, write_csv
+    from pointing_model.runs.formats.csv import write_csv
+    from pointing_model.runs.run_reader import read_run
     path = folder / f'{size}.csv'
     write_csv(make_run(size, 5), path, plain=True)
     return partial(read_run, path, mount='altaz')

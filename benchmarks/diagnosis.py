@@ -61,8 +61,9 @@ from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.group_columns import orthonormal
 from msg_tools.units import ARCSEC
 from pointing_model.pointing_terms import PHYSICAL, STANDARD6, stacked_design
-from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 # ---------------------------------------------------------------------------------------- parts
 

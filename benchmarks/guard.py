@@ -40,7 +40,7 @@ from guard_drives import CORNERS, KNOTS, Many, Setting, carry_out, hermite
 
 from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.sky.places import Site
+from pointing_model.sky.site import Site
 from pointing_model.sky.sky_limits import SUN, SkyCircles
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.detour import lead

@@ -75,7 +75,7 @@ def parameters(reading):
 
 def write(folder, reading, seed):
     """The run as a file, and the coefficients."""
-    from pointing_model.runs.formats import write_csv
+    from pointing_model.runs.formats.csv import write_csv
     run, truth = drawn_run(reading, seed)
     file = folder / f'{reading}_{seed}.csv'
     write_csv(run, file)

@@ -39,7 +39,7 @@ from calibration.report.fit_wording import origin_sentence
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import Mount
 from pointing_model.rms import rms
-from pointing_model.sky.places import Site
+from pointing_model.sky.site import Site
 from telescope_mount.bridges.indi.client import IndiClient
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
 

@@ -41,7 +41,7 @@ from rclpy.node import Node
 
 from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.indi.client import IndiClient
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope
 from telescope_mount.graph import server_graph

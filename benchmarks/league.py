@@ -63,7 +63,8 @@ from calibration.estimation.folds import contiguous_folds, random_folds
 from calibration.estimation.predictor import DRIVEN, rows_left_out
 from calibration.estimation.shrinkage import Beyond, chosen
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky.places import Site, Weather
+from pointing_model.sky.air import Weather
+from pointing_model.sky.site import Site
 from telescope_mount.run_loader import load_run
 
 ROOT = Path(__file__).resolve().parent.parent

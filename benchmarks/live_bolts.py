@@ -37,8 +37,9 @@ from bolts import UP, Bolted
 from plate_solved import draw
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.runs.formats import iso_utc
-from pointing_model.sky.places import Site, observed_to_icrs
+from pointing_model.runs.formats.csv import iso_utc
+from pointing_model.sky.places import observed_to_icrs
+from pointing_model.sky.site import Site
 
 START = 1_795_000_000.0
 LONGITUDE = 109.0

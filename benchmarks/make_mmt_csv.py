@@ -29,7 +29,7 @@ import erfa
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.runs.formats import iso_utc
+from pointing_model.runs.formats.csv import iso_utc
 from pointing_model.runs.run import COLUMNS
 from pointing_model.sky.earth import earth_orientation
 

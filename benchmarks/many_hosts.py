@@ -35,7 +35,7 @@ from pathlib import Path
 
 from hosts import two_hosts, why_not
 
-from pointing_model.runs.formats import read_run
+from pointing_model.runs.run_reader import read_run
 from telescope_mount.graph import SIMULATED, night_graph
 from telescope_mount.observing.plan import night_plan
 

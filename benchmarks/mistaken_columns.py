@@ -40,8 +40,9 @@ from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.runs.formats import NoUsableRow, read_run
+from pointing_model.runs.columns.checks import NoUsableRow
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 ROOT = Path(__file__).resolve().parent.parent
 NAMES = ('az', 'el', 'az_enc', 'el_enc')

@@ -41,7 +41,9 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.runs.model_files import PROGRAMS, export, read_model, uniform_sky
+from pointing_model.runs.model_files.transfer import export, uniform_sky
+from pointing_model.runs.model_reader import read_model
+from pointing_model.runs.programs import PROGRAMS
 
 TARGET = 1e-3
 MORE = ('ECES', 'ACES', 'ACEC', 'HECA2', 'HESA2', 'HACA2', 'HASA2')
@@ -105,7 +107,7 @@ def mmt_losses():
     """The loss of the measured night's terms on its sky, by program."""
     from calibration.analysis.term_fit import fit_terms
     from pointing_model.context import Context
-    from pointing_model.runs.formats import read_run
+    from pointing_model.runs.run_reader import read_run
     folder = Path(__file__).resolve().parents[1] / 'calibration' / 'data'
     run = read_run(folder / 'mmt_2021-08-21.csv')
     model, sky = fit_terms(run).model, Context.from_run(run)

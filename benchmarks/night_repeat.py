@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.runs.formats import read_run
+from pointing_model.runs.run_reader import read_run
 from telescope_mount.whole_night import run_night
 
 

@@ -38,8 +38,8 @@ from pointing_model.harmonics import INTERPRETATIONS, basis, sky_factor
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import design
 from pointing_model.rms import rms_arcsec
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 from telescope_mount.papers.indexing_table import SCALES
 from telescope_mount.papers.table_1 import PAPER_TABLE_1
 

@@ -40,7 +40,7 @@ from calibration.analysis.season.season_nights import Nights, SeasonNight, days,
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
 from pointing_model.pointing_terms import design
-from pointing_model.runs.formats import read_run
+from pointing_model.runs.run_reader import read_run
 
 NAMES = ('IA', 'IE', 'CA', 'AN', 'AW', 'TF')
 STATES = ('nothing', 'long tails', 'temperature', 'a step', 'four steps')

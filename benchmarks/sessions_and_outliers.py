@@ -40,7 +40,7 @@ from calibration.analysis.diagnosis.sessions import arrange
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.runs.formats import write_csv
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
 
 TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))

@@ -29,7 +29,7 @@ import argparse
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from telescope_mount.guard.limits import Allowed, Axis, Limits
 from telescope_mount.guard.motion import AxisState

@@ -51,8 +51,8 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.pointing_terms import design, terms_of
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 from telescope_mount.observing.tracking_star import SlewTime, next_star, until
 
 GOAL, EXPOSURE = 1.5 * ARCSEC, 10.0

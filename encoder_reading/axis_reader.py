@@ -27,14 +27,6 @@ _TURN = 2.0 * np.pi
 _METHODS = {'template': TemplateReader, 'paper': PaperReader}
 
 
-def lowest_reading(kind):
-    """Where a turn of the readings begins at a kind of mount; see `AxisReader`.
-
-    The axes of a German mount go from -90 to 270 degrees, and no reading may jump on the travel.
-    """
-    return -0.5 * np.pi if kind == 'german' else None
-
-
 @lru_cache(maxsize=8)
 def _reader(design):
     return _METHODS[design.method](design)

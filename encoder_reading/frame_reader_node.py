@@ -26,7 +26,7 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
 from msg_tools.power_on import PowerOns
 
-from .axis_reader import AxisReader, lowest_reading
+from .axis_reader import AxisReader
 from .design import UNITS, Design, disc_of
 from .messages import AngleOutput, Batch, read_frame
 
@@ -70,7 +70,7 @@ def axes_of(values):
         A design that contradicts itself or cannot be read; it names the axis.
     """
     out = []
-    lowest = lowest_reading(values['mount'])
+    lowest = convert.LOWEST_READING.get(values['mount'])
     for name, (axis, params) in zip(convert.JOINTS[values['mount']], DESIGN_PARAMS.items()):
         drawing = {item.name: values[param.name] * UNITS[item.metadata['unit']]
                    if item.type is float else values[param.name] for item, param in params}

@@ -22,7 +22,6 @@ import math
 
 import numpy as np
 
-from encoder_reading.axis_reader import lowest_reading
 from encoder_reading.messages import AngleOutput, Batch, frame_message
 from msg_tools import convert, topics
 from msg_tools.node import Param
@@ -53,7 +52,7 @@ class AbsoluteEncoders(MountedDevice):
                          **kwargs)
         self._encoders = self.encoders(
             AbsoluteEncoder, self.scenario.absolute,
-            lowest=lowest_reading(self.scenario.mount.at().kind))
+            lowest=convert.LOWEST_READING.get(self.scenario.mount.at().kind))
         self._decimator, self._frame_decimator = Decimator(), Decimator()
         self._output = None
         if self.value('publishes') == 'angles':

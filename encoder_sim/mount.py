@@ -20,7 +20,7 @@ from collections import OrderedDict
 import numpy as np
 
 from msg_tools.units import DEG, wrap
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 
 from .axis_motion import MountAxes, Trajectory
 from .drives import Drives

@@ -32,7 +32,7 @@ import numpy as np
 
 from msg_tools.units import wrap
 from pointing_model.mounts import parse_mount
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 
 from .field_kinds import choice, number, pier_only, section, sections, term, text
 from .loose_parts import Cables, Flop, Focuser, Secondary, Yielding

@@ -28,7 +28,7 @@ from msg_tools import convert, topics
 from msg_tools.node import Param
 from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 
 from .device_params import DEVICE_PARAMS, parse_utc
 from .mount import HOME_ATTEMPTS, SimulatedMount

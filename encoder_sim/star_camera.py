@@ -22,8 +22,10 @@ import erfa
 import numpy as np
 
 from msg_tools.units import DEG
+from pointing_model.sky.air import DEFAULT_WEATHER, Weather
 from pointing_model.sky.earth import TURN_RATE
-from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather, observed_place
+from pointing_model.sky.places import observed_place
+from pointing_model.sky.site import DEFAULT_SITE, Site
 from pointing_model.sky.star_catalogue import load_catalogue
 
 from . import keyed_noise
@@ -96,9 +98,9 @@ class Camera:
     ----------
     scenario : scenario.Scenario
     seed : int
-    site : places.Site
+    site : site.Site
         Where the mount is, if the scenario does not say.
-    weather : places.Weather
+    weather : air.Weather
         The same of the air.
     start : float
         Start of the night, UTC s, from which the temperature changes.

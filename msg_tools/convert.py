@@ -26,6 +26,9 @@ AXES = ('azimuth', 'elevation')
 JOINTS = {'altaz': AXES, 'equatorial': ('hour_angle', 'declination'),
           'german': ('hour_angle', 'declination'), 'free': ('first_axis', 'second_axis'),
           'xy': ('x_angle', 'y_angle')}
+#: kind of mount -> where a turn of the readings of its second axis begins, rad, that none jumps on
+#: its travel: of a German mount -90 to 270 degrees
+LOWEST_READING = {'german': -0.5 * math.pi}
 #: links of the URDF: x east, y north, z up; along the tube z forward, x right, y down (REP 103)
 MOUNT_FRAME, OPTICAL_FRAME = 'mount_enu', 'boresight_optical'
 #: that of the first axis at rest: both axes at zero look along its x

@@ -199,7 +199,8 @@ class NodeExecutor(Executor):
 
     def _release(self):
         self._wait_set = None
-        self._entities, self._handles, self._waitables, self._subscribers = {}, {}, [], {}
+        self._entities, self._handles, self._waitables = {}, {}, []
+        self._subscribers, self._bare = {}, {}
         self._held.close()
 
     def _rebuild(self):
@@ -210,8 +211,7 @@ class NodeExecutor(Executor):
         found = {
             'timer': [t for node in nodes for t in node.timers],
             'subscription': [s for node in nodes for s in node.subscriptions],
-            'guard_condition': [
-                *(g for node in nodes for g in node.guards), *self._wakers],
+            'guard_condition': [*(g for node in nodes for g in node.guards), *self._wakers],
             'client': [c for node in nodes for c in node.clients],
             'service': [s for node in nodes for s in node.services],
         }
@@ -227,8 +227,7 @@ class NodeExecutor(Executor):
                 self._entities[kind][entity.handle.pointer] = entity
         for sub in self._entities['subscription'].values():
             self._subscribers.setdefault(sub.topic_name, []).append(sub)
-        self._bare = {sub: _takes_one(sub.callback)
-                      for sub in self._entities['subscription'].values()}
+            self._bare[sub] = _takes_one(sub.callback)
         extra = NumberOfEntities()
         self._handles = {kind: [entity.handle for entity in entities.values()]
                          for kind, entities in self._entities.items()}
@@ -283,8 +282,7 @@ class NodeExecutor(Executor):
         self._busy = frozenset(ready['subscription'])
         if self.gather:
             self._take_in_order(ready['subscription'])
-            ready['subscription'] = ()
-        for subscription in ready['subscription']:
+        for subscription in () if self.gather else ready['subscription']:
             # asking in vain costs as much as a message: only where they come thick and fast, or
             # where it costs less than to wait once more for all that is there
             self._take_messages(
@@ -432,12 +430,8 @@ class NodeExecutor(Executor):
         for _ in range(len(self._waiting)):
             task = self._waiting.popleft()
             held = task in self._awaiting
-            if task.cancelled():
-                self._end(task)
-                over = True
-            else:
-                over = self._step(task)
-                ended |= over
+            over = self._step(task)
+            ended |= over
             if over and held:
                 self._changed = True
         return ended

@@ -206,7 +206,7 @@ def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row,
         from `here`.
     row : dict or None
         The observation before.
-    site : places.Site
+    site : site.Site
     mount : Mount, optional
         Whose axes the angles are of.
 

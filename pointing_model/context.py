@@ -23,6 +23,7 @@ from msg_tools.units import ARCSEC, wrap
 
 from .mounts import ALTAZ, OF_MOUNT, is_beyond
 from .pointing_terms import Trig
+from .runs.columns.column_names import is_cause
 from .runs.run import COLUMNS, known_site
 from .sky.star_rates import are_star_rates, star_rates
 
@@ -51,31 +52,6 @@ UNKNOWN = {
     'lst': 'the sidereal time is not known (a column time, and the longitude of the site)'}
 _TURN = 2.0 * np.pi
 _J2000 = 946728000.0  # UTC seconds of 2000-01-01T12:00
-
-
-#: words in names of columns that are causes: what acts on a mount and no fit or image makes
-_CAUSES = set(re.split(r'\s+', """ambient amb air dome truss tube mirror pier side humidity hum rh
-    dew wind gust hpa mbar baro filter colour color magnitude mag exposure load balance cable sun
-    moon heater fan voltage supply"""))
-_CAUSE_BEGINS = ('temp', 'tamb', 'tair', 'ttube', 'tmirror', 'ttruss', 'tdome', 'press', 'humid',
-                 'wind', 'foc', 'rot', 'derot')
-#: words in names of columns that are outcomes of a fit or of an image, whatever else is in them
-_OUTCOMES = set(re.split(r'\s+', """rms error errors err chi chi2 sigma sig std stdev rmse fwhm
-    fitted model offset offsets delta asym asymmetry weight quality score correction corr peak
-    flux snr dx dy daz del"""))
-_OUTCOME_BEGINS = ('resid', 'asym')
-
-
-def is_cause(name):
-    """Whether the name of a column says that it is a cause and not an outcome of a measurement.
-
-    ``Tamb``, ``wind_speed`` and ``foc.dZ`` are; ``src.dFWHM``, ``temp_residual`` and ``column7``
-    are not.
-    """
-    words = [w.lower() for w in re.findall(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+', name)]
-    if any(w in _OUTCOMES or w.startswith(_OUTCOME_BEGINS) for w in words):
-        return False
-    return any(w in _CAUSES or w.startswith(_CAUSE_BEGINS) for w in words)
 
 
 def _labels(run):

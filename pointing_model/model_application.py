@@ -68,7 +68,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
         The file cannot be read.
     """
     if isinstance(model, str | Path):
-        from .runs.model_files import read_model
+        from .runs.model_reader import read_model
         model = read_model(model).model
     az, el = np.broadcast_arrays(*(np.asarray(v, float) * DEG for v in (az_deg, el_deg)))
     columns = {}
@@ -114,7 +114,9 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
         No latitude, or another one than that of the mount; a site, time or air out of range.
     """
     from .runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
-    from .sky.places import DEFAULT_WEATHER, Site, Weather, observed_directions
+    from .sky.air import DEFAULT_WEATHER, Weather
+    from .sky.places import observed_directions
+    from .sky.site import Site
     mount = getattr(mount, 'mount', mount)
     if mount.celestial:
         own = mount.latitude / DEG

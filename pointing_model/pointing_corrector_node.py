@@ -27,7 +27,8 @@ from .active_calibration import correlated_sigma, time_driver, tracked_sigma
 from .active_topics import MODEL_FILE, active_calibration_of
 from .calibration_messages import pair_to_text
 from .context import Context
-from .zero_drift import Difference, Following
+from .encoder_difference import Difference
+from .zero_drift import Following
 
 PARAMS = (MODEL_FILE,)
 #: step of the difference that turns sky rates into encoder rates, s

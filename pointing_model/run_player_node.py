@@ -28,9 +28,9 @@ from msg_tools.readiness import unmatched
 from msg_tools.status_rows import Progress, Taken
 from msg_tools.steps import Steps, call
 
-from .runs.formats import read_run
 from .runs.run import COLUMNS, PointingRun, first_of_last
 from .runs.run_messages import run_to_cloud
+from .runs.run_reader import read_run
 
 #: rows published between two looks at what else there is to do
 BATCH = 200

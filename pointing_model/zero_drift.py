@@ -19,12 +19,11 @@ a reference, at which the active zero is right; low harmonics of the angle, whic
 belong to the model; the rest is what the counts have drifted, and is added to the zero.
 """
 
-from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, DEG, wrap
+from msg_tools.units import ARCSEC, wrap
 
 from .runs.run import PointingRun
 
@@ -34,8 +33,6 @@ WORDS = {'az': 'azimuth', 'el': 'elevation'}
 KEY = 'zero_follows'
 #: harmonics of the angle that are the discs': off their axis, and tilted
 ORDERS = (1, 2)
-#: an axis faster than this is no place to compare encoders of different latency, rad/s
-_SLOW = 0.01 * DEG
 
 
 def harmonic_columns(angle, orders=ORDERS):
@@ -208,88 +205,3 @@ class Following:
 
 
 _DISC_NAMES = tuple(f'{f}_{k}' for k in ORDERS for f in ('cos', 'sin'))
-
-
-class Difference:
-    """Readings of both encoders of one moment, from streams of each that know no other.
-
-    Attributes
-    ----------
-    incremental, absolute : ndarray, shape (2,), or None
-        The last pair, rad.
-    start : float
-        When the power-on began that this reading of the absolute encoder is of, UTC s; NaN where
-        it does not report it.
-    """
-
-    def __init__(self):
-        self._readings = deque(maxlen=100)
-        self._second = None
-        self.incremental = self.absolute = None
-        self.start = np.nan
-
-    def update_incremental(self, stamp, angles):
-        """Take a reading (ns, rad)."""
-        if self._readings and stamp <= self._readings[-1][0]:
-            self._readings.clear()
-        self._readings.append((stamp, angles))
-        self._pair()
-
-    def update_absolute(self, stamp, angles, start=np.nan):
-        """Take a reading (ns, rad), and when its power-on began (UTC s)."""
-        self._second = stamp, angles, start
-        self._pair()
-
-    def _pair(self):
-        if self._second is None or not np.isfinite(self._second[1]).all():
-            return
-        stamps, angles = [s for s, _ in self._readings], [a for _, a in self._readings]
-        try:
-            reading, rate = interpolate(stamps, angles, self._second[0])
-        except ValueError:
-            return
-        if np.all(np.abs(rate) < _SLOW):
-            self.incremental, self.absolute = reading, np.array(self._second[1])
-            self.start = self._second[2]
-
-
-def interpolate(stamps, angles, stamp, before=0):
-    """The angles at `stamp`, between the readings beside it.
-
-    Parameters
-    ----------
-    stamps : array_like of int, shape (n,)
-        Nanoseconds, increasing.
-    angles : array_like, shape (n, 2)
-        Azimuth and elevation, rad.
-    stamp : int
-        Within the range of `stamps`.
-    before : int
-        Rates are from that long before it (ns) to the next reading; 0: between the two readings.
-
-    Returns
-    -------
-    angles : ndarray, shape (2,)
-        Radians; NaN where an axis gave none.
-    rates : ndarray, shape (2,)
-        rad/s.
-
-    Raises
-    ------
-    ValueError
-        No reading on one side of `stamp`.
-    """
-    stamps = np.asarray(stamps, dtype=np.int64)
-    angles = np.asarray(angles, dtype=float).reshape(-1, 2)
-    i = int(np.searchsorted(stamps, stamp, side='left'))
-    if i < len(stamps) and stamps[i] == stamp and i == 0:
-        i = 1
-    if i == 0 or i >= len(stamps):
-        raise ValueError('no encoder readings on both sides of the exposure')
-    low, high = angles[i - 1], angles[i]
-    span = float(stamps[i] - stamps[i - 1])
-    step = np.array([wrap(high[0] - low[0]), high[1] - low[1]])
-    first = min(int(np.searchsorted(stamps, stamp - before)), i - 1)
-    way = np.array([wrap(high[0] - angles[first, 0]), high[1] - angles[first, 1]])
-    rate = way / (float(stamps[i] - stamps[first]) * 1e-9)
-    return low + step * (float(stamp - stamps[i - 1]) / span), rate

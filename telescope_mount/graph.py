@@ -196,7 +196,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
 
 def _simulated_site():
     """Where a simulated mount stands, for a guard that leads it live: it goes by no default."""
-    from pointing_model.sky.places import DEFAULT_SITE
+    from pointing_model.sky.site import DEFAULT_SITE
     return {'latitude_deg': math.degrees(DEFAULT_SITE.latitude),
             'longitude_deg': math.degrees(DEFAULT_SITE.longitude)}
 

@@ -40,7 +40,7 @@ from msg_tools import NAMESPACE
 from msg_tools.units import DEG
 from pointing_model.mount_shape import urdf
 from pointing_model.mounts import parse_mount
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 
 from .dds import dds_environment
 from .parent import PARENT

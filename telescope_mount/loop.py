@@ -199,7 +199,7 @@ def _site_of(run, sky):
     Without a run, what the observer of a simulated one believes.
     """
     from msg_tools.units import DEG
-    from pointing_model.sky.places import DEFAULT_SITE
+    from pointing_model.sky.site import DEFAULT_SITE
     site = DEFAULT_SITE if run is None else run.meta.get('site') or {}
     if not isinstance(site, dict):
         site = {'latitude': site.latitude, 'longitude': site.longitude}
@@ -216,7 +216,7 @@ def _player(run, file, azimuth_origin, folder):
     """Parameters of the run player: a file that it can read, written if need be."""
     if (file.is_dir() or file.suffix == '.mcap' or run.meta.get('solves_checked')
             or not run.mount.vertical):
-        from pointing_model.runs.formats import write_csv
+        from pointing_model.runs.formats.csv import write_csv
         file, azimuth_origin = folder / 'run.csv', None
         write_csv(run, file)
     return {'file': str(file.resolve()), 'azimuth_origin': azimuth_origin or ''}

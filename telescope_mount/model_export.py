@@ -29,8 +29,11 @@ from pointing_model.effects.base import driver_word, readable
 from pointing_model.model_application import zeros_of_rows
 from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms_arcsec
-from pointing_model.runs.model_files import PROGRAMS, coefficient_table, export, read_model
-from pointing_model.runs.model_files.katpoint import description
+from pointing_model.runs.model_files import coefficient_table
+from pointing_model.runs.model_files.transfer import export
+from pointing_model.runs.model_reader import read_model
+from pointing_model.runs.programs import PROGRAMS
+from pointing_model.runs.programs.katpoint import description
 from pointing_model.zero import active_zeros
 
 from .commands.console import print_all, print_files, print_lines
@@ -86,7 +89,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         model's effects there, and the loss is told on them. By default the sky above 20 degrees.
     zero : {'none', 'newest'} or number
         Which of the zeros that the model carries to add to its indices.
-    site : pointing_model.sky.places.Site, or dict with ``latitude``, optional
+    site : pointing_model.sky.site.Site, or dict with ``latitude``, optional
         By default that of the run, if it tells. INDI needs it.
     mount : Mount, optional
         That a file of another program is of; by default an alt-azimuth one.

@@ -23,10 +23,10 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import UNKNOWN, Context
 from pointing_model.effects.base import readable
 from pointing_model.model_application import turned, zeros_of_rows
-from pointing_model.runs.formats.cells import Cells
-from pointing_model.runs.formats.column_names import CSV_NAMES
-from pointing_model.runs.formats.run_table import content, lines_of, own_name
-from pointing_model.runs.formats.text_rows import TextRows, decimal_points, is_number
+from pointing_model.runs.columns.cells import Cells
+from pointing_model.runs.columns.column_names import CSV_NAMES
+from pointing_model.runs.columns.run_table import content, lines_of, own_name
+from pointing_model.runs.columns.text_rows import TextRows, decimal_points, is_number
 from pointing_model.runs.run import COLUMNS, column_name
 from pointing_model.zero import active_zeros
 from pointing_model.zero_drift import KEY

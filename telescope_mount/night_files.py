@@ -115,7 +115,7 @@ def write_files(folder, run, documents):
     list of str
         A line for each that cannot be written.
     """
-    from pointing_model.runs.formats import write_csv
+    from pointing_model.runs.formats.csv import write_csv
     incomplete = []
     tried(incomplete, folder / 'observations.csv', partial(write_csv, run, plain=True))
     for name, text in documents.items():

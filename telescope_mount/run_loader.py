@@ -30,11 +30,13 @@ from msg_tools.units import DEG
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation, declared_worms
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
+from pointing_model.runs.columns.checks import NoUsableRow
+from pointing_model.runs.columns.run_table import NoObservations
 from pointing_model.runs.copies import copies, without_copies, written_twice
-from pointing_model.runs.formats import NoObservations, NoUsableRow, read_run, swap_encoders
 from pointing_model.runs.row_exclusion import without_excluded
 from pointing_model.runs.run import PointingRun, known_site
 from pointing_model.runs.run_messages import cloud_to_run
+from pointing_model.runs.run_reader import read_run, swap_encoders
 from pointing_model.sky.skyline import parse_horizon
 
 from .night_files import log_of
@@ -53,9 +55,9 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         A file, the folder of a log, or of a night.
     azimuth_origin : {'N', 'S'}, optional
         Where azimuth 0 is in a TPOINT file.
-    site : pointing_model.sky.places.Site, optional
+    site : pointing_model.sky.site.Site, optional
         Kept in ``meta``; needed for a CSV with ``ra_deg, dec_deg``.
-    weather : pointing_model.sky.places.Weather, optional
+    weather : pointing_model.sky.air.Weather, optional
         For the refraction of such a CSV.
     encoder : {'enc', 'abs'}, optional
         'abs' takes the second encoder for the first.

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.alpaca import PORT as ALPACA_PORT
 from telescope_mount.bridges.indi import PORT as INDI_PORT
 from telescope_mount.bridges.indi import parse_address

@@ -19,7 +19,7 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.model_application import axis_angles
 from pointing_model.mounts import is_beyond
-from pointing_model.sky.places import DEFAULT_WEATHER
+from pointing_model.sky.air import DEFAULT_WEATHER
 
 #: columns of such a table
 SKY = ('ra_deg', 'dec_deg')

@@ -20,14 +20,16 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ, parse_mount
-from pointing_model.runs.formats.cells import Cells
-from pointing_model.runs.formats.column_names import CSV_NAMES, OTHER_NAMES
-from pointing_model.runs.formats.declarations import declarations, standard_pressure
-from pointing_model.runs.formats.run_table import content, read_lines
+from pointing_model.runs.columns.cells import Cells
+from pointing_model.runs.columns.column_names import CSV_NAMES, OTHER_NAMES
+from pointing_model.runs.columns.declarations import declarations, standard_pressure
+from pointing_model.runs.columns.run_table import content, read_lines
 from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
+from pointing_model.sky.air import DEFAULT_WEATHER, Weather
 from pointing_model.sky.orbits.orbit_files import Orbits
-from pointing_model.sky.places import DEFAULT_WEATHER, Site, Weather, icrs_to_observed
+from pointing_model.sky.places import icrs_to_observed
+from pointing_model.sky.site import Site
 from telescope_mount.night_files import log_of
 
 from .observing.reading_pairs import centred

@@ -37,8 +37,8 @@ from calibration.analysis.zero.zero_causes import AXES, Season, zero_causes
 from calibration.report.row_wording import listed
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
-from pointing_model.runs.formats.cells import Cells
-from pointing_model.runs.formats.run_table import content, read_lines
+from pointing_model.runs.columns.cells import Cells
+from pointing_model.runs.columns.run_table import content, read_lines
 
 _COLUMNS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
             'side': 'side{}'}

@@ -56,7 +56,7 @@ class BaseModel:
             It is no such file, declares no term, or is of another mount.
         """
         from pointing_model.mounts import mount_wording
-        from pointing_model.runs.model_files import read_model
+        from pointing_model.runs.model_reader import read_model
         loaded = read_model(path, mount)
         if not loaded.model.mount.agrees(mount):
             raise ValueError(f'{path} is a model of another mount '

@@ -23,7 +23,7 @@ from calibration.analysis.diagnosis.residual_patterns import PATTERNS
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word, readable
 from pointing_model.mounts import is_beyond
-from pointing_model.runs.formats.run_table import AS_NAMED
+from pointing_model.runs.columns.run_table import AS_NAMED
 
 from . import figure_wording, observation_wording, row_wording
 from .cause_wording import open_causes, plain_name, short_cause, still_open

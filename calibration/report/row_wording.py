@@ -21,7 +21,7 @@ import numpy as np
 from calibration.analysis.diagnosis.readings import MIRRORED, Reading, without_signs
 from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import kind_of
-from pointing_model.runs.formats.run_table import AS_NAMED
+from pointing_model.runs.columns.run_table import AS_NAMED
 
 _NAMED = 5  # outliers in a sentence, at most
 _REASONS = 12  # lines of rows left out, at most

@@ -15,7 +15,7 @@
 """What the zeros of a season follow, for people: table, lines, CSV and plot."""
 
 from msg_tools.whole_files import beside
-from pointing_model.runs.formats.cells import write_rows
+from pointing_model.runs.columns.cells import write_rows
 
 from ..analysis.zero.zero_causes import AXES, zero_causes
 from ..analysis.zero.zero_season import season_from_rows

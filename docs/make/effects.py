@@ -32,7 +32,7 @@ from pointing_model.effects import dictionary  # noqa: E402
 from pointing_model.effects.base import driver_word  # noqa: E402
 from pointing_model.mounts import parse_mount  # noqa: E402
 from pointing_model.runs.run import PointingRun  # noqa: E402
-from pointing_model.sky.places import Site  # noqa: E402
+from pointing_model.sky.site import Site  # noqa: E402
 
 #: drivers, as a reader says them
 WORDS = {'lst': 'sidereal time', 'reading_az': 'reading of the encoder', 'az_rate': 'rate',

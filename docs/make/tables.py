@@ -47,7 +47,8 @@ MARK = re.compile(r'<!-- made: (?P<name>\w+); rests on (?P<rests>[0-9a-f]{8}); (
                   r'\n(?P<text>.*?)<!-- end: (?P=name) -->\n', re.S)
 #: what a simulated night rests on, and what a fit and a diagnosis of a file do
 MODEL = ('msg_tools/units.py', 'pointing_model/*.py', 'pointing_model/effects',
-         'pointing_model/runs/*.py', 'pointing_model/runs/formats', 'pointing_model/sky/*.py',
+         'pointing_model/runs/*.py', 'pointing_model/runs/columns', 'pointing_model/runs/formats',
+         'pointing_model/sky/*.py',
          'calibration/estimation', 'calibration/analysis/*.py', 'calibration/analysis/diagnosis')
 FIT = (*MODEL, 'calibration/data/*.csv')
 NIGHT = (*MODEL, 'calibration/*.py', 'calibration/analysis/zero', 'calibration/analysis/encoders',
@@ -185,7 +186,8 @@ TABLES = {
                     'calibration/estimation/gauss_newton.py', 'benchmarks/bolts.py'),
                    keep='latitude|^ +(-33|48|70)', cut=r'beyond.*| +\d+ of \d+'),
     'model_files': Table('models_of_others.md', 'benchmarks/model_files.py',
-                         ('pointing_model/runs/model_files', 'pointing_model/geometry.py',
+                         ('pointing_model/runs/model_files', 'pointing_model/runs/programs',
+                          'pointing_model/geometry.py',
                           'pointing_model/model.py', 'telescope_mount/model_export.py',
                           'benchmarks/model_files.py'), end='Our file read'),
     'zero_faults': Table('zero_drift.md', 'benchmarks/zero_drift.py --nights 150 --faults 20',

@@ -27,7 +27,7 @@ from two_axes import TERMS, TwoAxes, draw_errors
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import parse_mount
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.alpaca import PORT
 from telescope_mount.bridges.alpaca.alpaca_telescope import KINDS, TRUE_PLACE
 from telescope_mount.bridges.indi.pointing import HOUR

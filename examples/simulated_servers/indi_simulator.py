@@ -30,7 +30,7 @@ from two_axes_server import TwoAxesServer
 from msg_tools.signals import on_end
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.indi import PORT
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
 from telescope_mount.bridges.indi.indi_telescope import KIND, KINDS, IndiTelescope

@@ -120,7 +120,7 @@ def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=No
         Of the objects; `STARS` of stars.
     orbits : dict of str to orbit
         By the names.
-    site : pointing_model.sky.places.Site
+    site : pointing_model.sky.site.Site
     weather : Weather or callable
         Or what gives it for some rows (indices).
     mount : Mount

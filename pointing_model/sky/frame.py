@@ -46,7 +46,7 @@ def frame(time, site):
     ----------
     time : ndarray, shape () or (n,)
         UTC, seconds since 1970-01-01.
-    site : places.Site
+    site : site.Site
 
     Returns
     -------

@@ -20,8 +20,9 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .places import DEFAULT_SITE, sun_place
+from .places import sun_place
 from .satellite import in_sunlight, satellite_place
+from .site import DEFAULT_SITE
 
 
 @dataclass(frozen=True)

@@ -20,89 +20,18 @@ time alone is kept for two hours (`frame`), then each star costs less than a
 microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.001", are left out.
 """
 
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import erfa
 import numpy as np
 
-from msg_tools.units import DEG, wrap
+from msg_tools.units import wrap
 
+from .air import DEFAULT_WEATHER, Weather, refracted
 from .earth import terrestrial
 from .frame import frame
+from .site import DEFAULT_SITE
 from .star_rates import SIDEREAL
-
-
-@dataclass(frozen=True)
-class Site:
-    """Where the mount stands.
-
-    Parameters
-    ----------
-    latitude, longitude : float
-        Geodetic (WGS84), radians, north and east positive.
-    height : float
-        Above the ellipsoid, metres.
-
-    Raises
-    ------
-    ValueError
-        Out of range.
-    """
-
-    latitude: float = 34.3 * DEG
-    longitude: float = 109.0 * DEG
-    height: float = 500.0
-
-    def __post_init__(self):
-        _within('latitude', self.latitude / DEG, -90.0, 90.0, 'degrees')
-        _within('longitude', self.longitude / DEG, -360.0, 360.0, 'degrees')
-        _within('height', self.height, -500.0, 10000.0, 'm')
-
-
-@dataclass(frozen=True)
-class Weather:
-    """Air at the mount, for the refraction; each a number or one for each observation.
-
-    Parameters
-    ----------
-    pressure_hpa : float or ndarray
-        Pressure at the mount, not reduced to sea level; 0 means no refraction.
-    temperature_c : float or ndarray
-        Degrees Celsius.
-    humidity : float or ndarray
-        Relative, 0 to 1.
-    wavelength_um : float
-        Micrometres.
-
-    Raises
-    ------
-    ValueError
-        Out of range.
-    """
-
-    pressure_hpa: float = 955.0
-    temperature_c: float = 10.0
-    humidity: float = 0.5
-    wavelength_um: float = 0.55
-
-    def __post_init__(self):
-        _within('pressure', self.pressure_hpa, 0.0, 1200.0, 'hPa')
-        _within('temperature', self.temperature_c, -90.0, 60.0, 'degrees Celsius')
-        _within('humidity', self.humidity, 0.0, 1.0, '(a fraction)')
-        _within('wavelength', self.wavelength_um, 0.2, 1e6, 'micrometres')
-
-
-def _within(name, value, low, high, unit):
-    value = np.asarray(value, float)
-    bad = ~((value >= low) & (value <= high))
-    if np.any(bad):
-        raise ValueError(f'{name} {value[bad].flat[0]:g} is outside {low:g} to {high:g} {unit}')
-
-
-DEFAULT_SITE = Site()
-DEFAULT_WEATHER = Weather()
 
 
 def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
@@ -205,7 +134,7 @@ def observed_to_icrs(az, el, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
         refraction).
     """
     az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
-    astrom = _in_air(_frame(time, site, None if az.ndim == 0 else az.size), weather)
+    astrom = refracted(_frame(time, site, None if az.ndim == 0 else az.size), weather)
     cirs = erfa.ufunc.atoiq(b'A', az, np.pi / 2.0 - el, astrom)
     return erfa.ufunc.aticq(*cirs, astrom)
 
@@ -273,24 +202,6 @@ def _frame(time, site, count):
     return frame(time, site)
 
 
-@lru_cache(maxsize=256)
-def _constants(pressure, temperature, humidity, wavelength):
-    return erfa.ufunc.refco(pressure, temperature, humidity, wavelength)
-
-
-def _in_air(astrom, weather):
-    """With the refraction; `astrom` itself where its shape is that of the weather."""
-    air = (weather.pressure_hpa, weather.temperature_c, weather.humidity, weather.wavelength_um)
-    if all(isinstance(value, (float, int)) for value in air):
-        refa, refb = _constants(*air)
-    else:
-        refa, refb = erfa.ufunc.refco(*air)
-        if np.ndim(refa) > astrom.ndim:
-            astrom = np.broadcast_to(astrom, np.shape(refa)).copy()
-    astrom['refa'], astrom['refb'] = refa, refb
-    return astrom
-
-
 def _directions(cirs, astrom, weather):
-    az, zenith_distance, ha, dec, _ = erfa.ufunc.atioq(*cirs, _in_air(astrom, weather))
+    az, zenith_distance, ha, dec, _ = erfa.ufunc.atioq(*cirs, refracted(astrom, weather))
     return Observed(az, np.pi / 2.0 - zenith_distance, ha, dec)

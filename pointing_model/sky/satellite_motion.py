@@ -22,10 +22,11 @@ import numpy as np
 from msg_tools.units import wrap
 from pointing_model.mounts import ALTAZ
 
+from .air import DEFAULT_WEATHER
 from .earth import TURN_RATE
 from .elements import turned
-from .places import DEFAULT_SITE, DEFAULT_WEATHER
 from .satellite import horizon_axes, satellite_place
+from .site import DEFAULT_SITE
 
 #: s, to either side: the third derivative of a low satellite's place makes 0.01" in it
 _STEP = 0.25

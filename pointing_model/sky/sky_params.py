@@ -19,7 +19,8 @@ from msg_tools.units import DEG
 
 from ..mount_kinds import kinds_text
 from ..mounts import parse_mount
-from .places import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather
+from .air import DEFAULT_WEATHER, Weather
+from .site import DEFAULT_SITE, Site
 
 KIND_OF_MOUNT = Param(
     'mount', 'altaz', f'kind of mount: {kinds_text()}; where the first axis points [deg]',

@@ -60,8 +60,8 @@ def run(args):
     """Read, turn, write, say what was not known."""
     from pointing_model.model_application import NEWEST, NO_ZEROS
     from pointing_model.mounts import ALTAZ
-    from pointing_model.runs.formats.cells import write_rows
-    from pointing_model.runs.model_files import read_model
+    from pointing_model.runs.columns.cells import write_rows
+    from pointing_model.runs.model_reader import read_model
 
     from ..model_table import apply_to_table
     from .console import new_console, print_lines, step_aside

@@ -138,7 +138,7 @@ def refraction_of(args, latitude):
         return 0.0
     from dataclasses import replace
 
-    from pointing_model.sky.places import DEFAULT_WEATHER
+    from pointing_model.sky.air import DEFAULT_WEATHER
     from pointing_model.sky.satellite import refracted
     given = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
     weather = replace(DEFAULT_WEATHER, **{k: v for k, v in given.items() if v is not None})

@@ -16,16 +16,19 @@
 
 import math
 import re
+from importlib import resources
 from itertools import islice
 from pathlib import Path
+from pkgutil import iter_modules
 
 from msg_tools.whole_files import beside
 
 from . import options
 
-#: names that ``--to`` takes: those of `model_files`, which is slow to import (held equal by a
-#: test), a table, our own document
-PROGRAMS = ('tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table', 'model')
+#: names that ``--to`` takes: programs by their files, as they are slow to import, a table, our own
+#: document
+PROGRAMS = (*sorted(module.name for module in iter_modules([str(
+    resources.files('pointing_model.runs') / 'programs')])), 'table', 'model')
 #: an array with more elements than this is no table column each: its length is written
 MAX_COLUMNS = 64
 _BATCH = 5000
@@ -126,7 +129,7 @@ def _whole_site(site, args):
     if site is None:
         return None
     if {'latitude', 'longitude'} <= set(site):
-        from pointing_model.sky.places import Site
+        from pointing_model.sky.site import Site
         return Site(**{'height': 0.0, **site})
     if args.mount is None or set(site) != {'latitude'}:
         raise ValueError('a site needs --latitude and --longitude (an equatorial mount alone '
@@ -174,7 +177,7 @@ def export_run(source, path, *, start=None, end=None, **options):
     """
     import numpy as np
 
-    from pointing_model.runs.formats import write_csv
+    from pointing_model.runs.formats.csv import write_csv
 
     from ..run_loader import load_run
     source, path = Path(source), Path(path)
@@ -342,7 +345,7 @@ def _columns(rows):
 
 def _write_table(part, form, columns, rows):
     """Write rows, dicts; how many they were."""
-    from pointing_model.runs.formats.cells import write_rows
+    from pointing_model.runs.columns.cells import write_rows
     count = 0
     if form == 'csv':
         with open(part, 'w', newline='', encoding='utf-8') as stream:

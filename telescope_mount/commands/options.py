@@ -215,7 +215,8 @@ def place_of(args):
     from dataclasses import replace
 
     from msg_tools.units import DEG
-    from pointing_model.sky.places import DEFAULT_WEATHER, Site
+    from pointing_model.sky.air import DEFAULT_WEATHER
+    from pointing_model.sky.site import Site
     site = {name: value * unit for name, value, unit in (
         ('latitude', args.latitude, DEG), ('longitude', args.longitude, DEG),
         ('height', args.height, 1.0)) if value is not None}

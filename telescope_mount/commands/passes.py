@@ -55,7 +55,7 @@ def run(args):
     from msg_tools.units import DEG
     from pointing_model.mounts import parse_mount
     from pointing_model.sky.orbits.orbit_files import Orbits
-    from pointing_model.sky.places import Site
+    from pointing_model.sky.site import Site
 
     from ..guard.limits import Axis
     from ..observing.pass_forecast import pass_forecasts

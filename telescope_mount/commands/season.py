@@ -49,7 +49,7 @@ def run(args):
     from calibration.report.terminal_layers import layered
     from calibration.report.wording import worded
     from msg_tools.iso_time import iso_seconds
-    from pointing_model.runs.formats import NoObservations
+    from pointing_model.runs.columns.run_table import NoObservations
 
     from ..run_loader import load_run
     from .console import ProgressLine, files_of, new_console, print_all, write_outputs

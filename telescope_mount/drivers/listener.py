@@ -24,7 +24,7 @@ from msg_tools import convert, topics
 from msg_tools.power_on import PowerOns
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
-from pointing_model.sky.places import Site
+from pointing_model.sky.site import Site
 from pointing_model.sky.sky_params import SKY_PARAMS
 from telescope_mount.observing.allowed_sky import AllowedSky
 

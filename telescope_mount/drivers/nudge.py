@@ -18,7 +18,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.rms import rms
-from pointing_model.sky.places import DEFAULT_WEATHER, observed_place
+from pointing_model.sky.air import DEFAULT_WEATHER
+from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import StarTarget, load_catalogue
 
 from ..observing.axis_demand import Pointing

@@ -24,7 +24,7 @@ from msg_tools import convert, topics
 from msg_tools.node_lifecycle import ACTIVATION, ManagedNode
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
-from pointing_model.sky.places import Site
+from pointing_model.sky.site import Site
 from pointing_model.sky.sky_limits import SKY_LIMITS
 from pointing_model.sky.sky_params import SKY_PARAMS, mount_of
 from pointing_model.sky.skyline import Horizon, parse_horizon

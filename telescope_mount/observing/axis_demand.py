@@ -31,8 +31,8 @@ class Conditions(NamedTuple):
 
     Attributes
     ----------
-    site : places.Site
-    air : places.Weather
+    site : site.Site
+    air : air.Weather
         With the temperature of now.
     here : ndarray, shape (2,)
         Where the encoders stand, rad.

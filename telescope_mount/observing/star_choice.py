@@ -22,7 +22,9 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model import harmonics
 from pointing_model.mounts import ALTAZ, through_pole
-from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from pointing_model.sky.air import DEFAULT_WEATHER
+from pointing_model.sky.places import observed_place
+from pointing_model.sky.site import DEFAULT_SITE
 
 from .star_neighbours import has_neighbour
 from .star_order import observing_order

@@ -116,9 +116,9 @@ class StarObserver(MountNode):
         self.subscribe(topics.GUARD_STATUS, self._on_guard)
         self.subscribe(topics.COMMAND, self.guard.take_command)
         self._crowded = {}  # instrument with several publishers -> since when, wall s
-        self._handover = self._given = None  # a night that an observer before has begun
+        # a night that an observer before has begun; since when a calibration is silent, wall s
+        self._handover = self._given = self._calibration_since = None
         self._calibration_known, self._has_rows, self._forgotten = False, False, 0
-        self._calibration_since = None  # there and silent, wall s
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
         self.subscribe(topics.CALIBRATION_TABLE, self._on_given_back)
         self.subscribe(topics.DISCRIMINATION, self._on_discrimination)
@@ -372,10 +372,8 @@ class StarObserver(MountNode):
         if self._calibration_known or not self.publisher_count(topics.CALIBRATION_TABLE):
             self._calibration_since = None
             return False
-        now = time.monotonic()
-        if self._calibration_since is None:
-            self._calibration_since = now
-        return now - self._calibration_since < ANSWERS_WITHIN
+        self._calibration_since = self._calibration_since or time.monotonic()
+        return time.monotonic() - self._calibration_since < ANSWERS_WITHIN
 
     def problems(self):
         """What holds the plan up."""

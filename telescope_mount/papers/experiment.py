@@ -128,8 +128,8 @@ def _write(folder, nights, origin, latest):
     """table1.csv, zeros.csv, gps.json, report.json, observations.csv; `Written`."""
     from calibration.report.zero_season_report import write_season, zero_season
     from msg_tools import topics
-    from pointing_model.runs.formats import write_csv
-    from pointing_model.runs.formats.cells import write_rows
+    from pointing_model.runs.columns.cells import write_rows
+    from pointing_model.runs.formats.csv import write_csv
     from pointing_model.runs.run_messages import cloud_to_run
     from telescope_mount.papers.table_1 import COLUMNS, compare_with_paper
 

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from msg_tools.whole_files import beside
-from pointing_model.runs.formats import iso_utc
-from pointing_model.runs.formats.cells import write_rows
+from pointing_model.runs.columns.cells import write_rows
+from pointing_model.runs.formats.csv import iso_utc
 from pointing_model.runs.formats.images import common_site, one_image, one_mount_of, refuse_absent
 from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
 from pointing_model.runs.plate_solves.solvers import NotSolved

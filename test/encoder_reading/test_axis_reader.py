@@ -17,10 +17,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_reading.axis_reader import AxisReader, lowest_reading, read_frames
+from encoder_reading.axis_reader import AxisReader, read_frames
 from encoder_reading.design import Design
 from encoder_reading.frame_readings import CORRECTED, EXACT, REJECTED, FrameReadings
 from encoder_sim.absolute import Absolute, AbsoluteEncoder
+from msg_tools.convert import LOWEST_READING
 from msg_tools.units import ARCSEC, DEG, wrap
 
 ANGLES = np.random.default_rng(4).uniform(0.0, 2.0 * np.pi, 400)
@@ -62,7 +63,7 @@ def test_a_disc_that_turns_against_its_axis(axis, shown, expected):
 def test_readings_of_an_equatorial_mount_do_not_jump_on_its_travel(kind, lowest):
     angles = (lowest + np.array([0.5, 70.0, 250.0, 359.5])) * DEG
     rows = readings(angles % (2 * np.pi), [EXACT] * 4, [1e-6] * 4)
-    joined = AxisReader(Design(), 'declination', lowest_reading(kind)).join(rows)
+    joined = AxisReader(Design(), 'declination', LOWEST_READING.get(kind)).join(rows)
     assert joined.angle == pytest.approx(angles)
 
 

@@ -16,7 +16,7 @@
 
 import pytest
 
-from pointing_model.runs.formats import read_run
+from pointing_model.runs.run_reader import read_run
 
 
 @pytest.fixture

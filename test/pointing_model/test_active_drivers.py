@@ -28,7 +28,7 @@ from pointing_model.effects import PERIODS, effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.model_application import turned
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.observing.night_memory import blind_summary
 
 NOW = 1_768_482_000_000_000_000

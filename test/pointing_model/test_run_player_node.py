@@ -24,9 +24,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from msg_tools import convert, topics
 from msg_tools.units import DEG
 from pointing_model.run_player_node import FIRST_NAMED, NO_TIME, RunPlayer, playable
-from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
+from pointing_model.runs.run_reader import read_run
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
 

@@ -19,10 +19,11 @@ import pytest
 
 from msg_tools.units import ARCSEC
 from pointing_model.active_calibration import ActiveCalibration
+from pointing_model.encoder_difference import Difference
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import PowerOnZero
-from pointing_model.zero_drift import KEY, AxisFollowing, Difference, Following, harmonic_columns
+from pointing_model.zero_drift import KEY, AxisFollowing, Following, harmonic_columns
 
 DISCS = np.array([0.3, -0.2, 0.1, 0.05]) * ARCSEC
 ELEVATION = Following({'el': AxisFollowing(

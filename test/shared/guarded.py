@@ -20,7 +20,7 @@ from contextlib import suppress
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.bridges.indi.indi_driver import MountDriver
 from telescope_mount.guard.course import GuardSettings

@@ -21,9 +21,10 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
+from pointing_model.sky.air import DEFAULT_WEATHER
 from pointing_model.sky.orbits.ephemeris import Arc, Orbit
-from pointing_model.sky.places import DEFAULT_WEATHER, Site
 from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.site import Site
 
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
 TRUTH = {'IA': 120.0, 'IE': -80.0, 'CA': 30.0, 'NPAE': -20.0, 'AN': 40.0, 'AW': -25.0, 'TF': 15.0}
@@ -92,7 +93,7 @@ def made_tracks(rng, arcs, stars=0, clock=0.0, ahead=None, noise=1.0 * ARCSEC, s
 
 def write_track(path, tracks, names=True, shift=0.0, angles='enc'):
     """A track file of the satellites' rows; `angles`: enc, or seen (az_deg, el_deg)."""
-    from pointing_model.runs.formats import iso_utc
+    from pointing_model.runs.formats.csv import iso_utc
     run = tracks.run
     rows = ~tracks.is_star
     columns = ('az_enc_deg', 'el_enc_deg') if angles == 'enc' else ('az_deg', 'el_deg')

@@ -17,7 +17,7 @@
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.course import GuardSettings

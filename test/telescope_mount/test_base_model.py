@@ -26,8 +26,9 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.runs.formats import write_csv
-from pointing_model.runs.model_files import PROGRAMS, export
+from pointing_model.runs.formats.csv import write_csv
+from pointing_model.runs.model_files.transfer import export
+from pointing_model.runs.programs import PROGRAMS
 from pointing_model.runs.run import PointingRun
 
 TERMS = {name: value * ARCSEC for name, value in {

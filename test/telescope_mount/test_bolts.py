@@ -149,8 +149,9 @@ def test_a_model_tells_what_to_turn(ended, refused, tmp_path):
 
 def solved(place, moment, hour):
     """Keywords of an image that looks there, with and without its solution."""
-    from pointing_model.runs.formats import iso_utc
-    from pointing_model.sky.places import Site, observed_to_icrs
+    from pointing_model.runs.formats.csv import iso_utc
+    from pointing_model.sky.places import observed_to_icrs
+    from pointing_model.sky.site import Site
     east, north, up = place
     ra, dec = observed_to_icrs(np.arctan2(east, north), np.arcsin(up), moment,
                                Site(34.3 * DEG, 109.0 * DEG, 500.0))

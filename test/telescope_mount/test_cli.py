@@ -35,7 +35,7 @@ MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 
 
 @pytest.fixture
 def run_csv(tmp_path):
-    from pointing_model.runs.formats import write_csv
+    from pointing_model.runs.formats.csv import write_csv
     rng = np.random.default_rng(0)
     az, el = rng.uniform(0, 2 * np.pi, 60), rng.uniform(0.3, 1.4, 60)
     az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
@@ -256,7 +256,8 @@ def test_harmonics_that_cannot_be(refused, command, options, words):
 
 
 def test_too_few_rows_for_the_harmonics_are_one_line(refused, run_csv):
-    from pointing_model.runs.formats import read_run, write_csv
+    from pointing_model.runs.formats.csv import write_csv
+    from pointing_model.runs.run_reader import read_run
     write_csv(read_run(run_csv).select(slice(0, 10)), run_csv)
     line = refused('fit', run_csv, '--harmonics', 'zenith', '--harmonics-degree', 4)
     assert 'observe at least 14 stars' in line and 'or take a lower degree' in line
@@ -274,7 +275,8 @@ def test_fit_reads_the_log_of_a_night(night, ended):
 
 
 def test_fit_takes_one_run_of_several(ended, refused, run_csv):
-    from pointing_model.runs.formats import read_run, write_csv
+    from pointing_model.runs.formats.csv import write_csv
+    from pointing_model.runs.run_reader import read_run
     run = read_run(run_csv)
     run.columns['run'] = np.repeat([1, 2], 30)
     run.columns['el_enc'] = run['el_enc'] + 300.0 * ARCSEC * (run['run'] == 2)
@@ -287,7 +289,8 @@ def test_fit_takes_one_run_of_several(ended, refused, run_csv):
 
 
 def test_fit_gives_sessions_zeros_of_their_own(ended, refused, run_csv):
-    from pointing_model.runs.formats import read_run, write_csv
+    from pointing_model.runs.formats.csv import write_csv
+    from pointing_model.runs.run_reader import read_run
     run = read_run(run_csv)
     run.columns['run'] = np.repeat([1, 2], 30)
     run.columns['el_enc'] = run['el_enc'] + 300.0 * ARCSEC * (run['run'] == 2)

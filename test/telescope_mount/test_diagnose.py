@@ -22,8 +22,9 @@ import pytest
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 from telescope_mount.cli import main
 
 KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noise_floor_arcsec',

@@ -29,7 +29,7 @@ from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.mounts import is_beyond
-from pointing_model.runs.formats import read_run
+from pointing_model.runs.run_reader import read_run
 from pointing_model.zero import Zeros
 from telescope_mount.log_replay import _has_exposures
 from telescope_mount.loop import _site_of, close_the_loop, drive_error, loop_plan

@@ -24,8 +24,9 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
-from pointing_model.runs.formats import write_csv
-from pointing_model.runs.model_files import PROGRAMS, read_model
+from pointing_model.runs.formats.csv import write_csv
+from pointing_model.runs.model_reader import read_model
+from pointing_model.runs.programs import PROGRAMS
 from pointing_model.runs.run import PointingRun
 
 TERMS = {name: value * ARCSEC for name, value in {
@@ -137,7 +138,7 @@ def test_bad_input_is_one_line(refused, model, tmp_path, monkeypatch, options, w
 def test_a_german_mount_from_the_fit_to_the_encoders(ended, refused, tmp_path):
     """Fit with TPOINT's terms, export, apply and back, on both sides of the pier."""
     from pointing_model.mounts import Mount
-    from pointing_model.runs.model_files import uniform_sky
+    from pointing_model.runs.model_files.transfer import uniform_sky
     mount = Mount.equatorial(np.radians(33.3), 'german')
     terms = {'IH': 212.0, 'ID': -131.0, 'CH': 44.0, 'NP': -18.0, 'MA': 30.0, 'ME': -64.0}
     model = PointingModel({n: v * ARCSEC for n, v in terms.items()}, mount=mount)

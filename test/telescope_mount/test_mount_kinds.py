@@ -30,9 +30,9 @@ from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mount_shape import urdf
 from pointing_model.mounts import mount_text, parse_mount
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.graph import night_graph

@@ -24,8 +24,9 @@ from calibration.analysis.diagnosis.prediction import predictive_model
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount
-from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 
 @pytest.fixture(scope='module')

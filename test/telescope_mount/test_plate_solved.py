@@ -24,7 +24,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.runs.formats import iso_utc, write_csv
+from pointing_model.runs.formats.csv import iso_utc, write_csv
 from pointing_model.runs.plate_solves.frames import parse_frame
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import icrs_to_observed, observed_to_icrs

@@ -22,9 +22,10 @@ from places import CASES
 from calibration.analysis.term_fit import fit_terms
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
+from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run

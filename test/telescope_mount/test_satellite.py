@@ -23,7 +23,7 @@ from made_tracks import ORBITS, TRUTH, made_tracks, write_track
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
-from pointing_model.runs.formats import write_csv
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
 
 EPOCHS = 120.0 * np.arange(900)

@@ -23,8 +23,9 @@ import pytest
 from calibration.analysis.diagnosis import ColumnCheck
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 TERMS = {'IA': 300.0, 'IE': -120.0, 'CA': 40.0, 'NPAE': 5.0, 'AN': 10.0, 'AW': -7.0, 'TF': 30.0}
 

@@ -27,7 +27,7 @@ from two_axes import TwoAxes
 
 from msg_tools.status_rows import Progress
 from pointing_model.mounts import ALTAZ
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount import whole_night as night
 from telescope_mount.bridges.indi.indi_telescope import SIMULATOR
 from telescope_mount.night_files import Written

@@ -24,8 +24,9 @@ import pytest
 from plate_solved import draw
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.runs.formats import iso_utc, read_run
+from pointing_model.runs.formats.csv import iso_utc
 from pointing_model.runs.plate_solves import solvers
+from pointing_model.runs.run_reader import read_run
 
 if find_spec('astropy') is None:
     pytest.skip('needs astropy (./install.sh ros,test,images)', allow_module_level=True)

@@ -27,7 +27,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount, through_pole
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.runs.formats import iso_utc, read_run
+from pointing_model.runs.formats.csv import iso_utc
 from pointing_model.runs.plate_solves.fits_images import (
     NotThere,
     frame_of,
@@ -35,7 +35,10 @@ from pointing_model.runs.plate_solves.fits_images import (
     solution_of,
 )
 from pointing_model.runs.plate_solves.frames import OF_DATE, to_icrs
-from pointing_model.sky.places import Site, Weather, observed_to_icrs, sidereal_time
+from pointing_model.runs.run_reader import read_run
+from pointing_model.sky.air import Weather
+from pointing_model.sky.places import observed_to_icrs, sidereal_time
+from pointing_model.sky.site import Site
 from telescope_mount.run_loader import load_run
 
 if find_spec('astropy') is None:

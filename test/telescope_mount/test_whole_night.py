@@ -35,8 +35,8 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.mount_shape import urdf
 from pointing_model.mounts import ALTAZ
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.run_messages import cloud_to_run
+from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from telescope_mount.graph import NIGHT, measured_graph, night_graph
 from telescope_mount.night_files import write_results

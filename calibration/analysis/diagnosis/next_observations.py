@@ -33,7 +33,8 @@ from calibration.estimation.group_columns import GroupColumns
 from msg_tools.units import DEG, covered, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
-from pointing_model.sky.places import Site, sun_place
+from pointing_model.sky.places import sun_place
+from pointing_model.sky.site import Site
 from pointing_model.sky.skyline import Horizon
 
 #: elevation of the Sun below which stars are observed: the end of civil twilight, rad

@@ -22,7 +22,7 @@ from calibration.analysis.term_fit import fit_first_order, fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.rms import sigma_of
-from pointing_model.runs.formats.axis_places import rows_beyond_zenith, unfolded
+from pointing_model.runs.columns.axis_places import rows_beyond_zenith, unfolded
 from pointing_model.runs.run import PointingRun
 
 from .readings import Reading, in_range

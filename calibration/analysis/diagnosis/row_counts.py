@@ -21,8 +21,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
+from pointing_model.runs.columns.checks import LOG_OF_AIR
 from pointing_model.runs.copies import SAME
-from pointing_model.runs.formats.checks import LOG_OF_AIR
 
 from ..finding import Finding
 from .reading_fits import MOST_LEFT_OUT

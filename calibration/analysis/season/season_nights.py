@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.context import is_cause
 from pointing_model.rms import rms
+from pointing_model.runs.columns.column_names import is_cause
 from pointing_model.runs.copies import without_copies
 
 from ..diagnosis import ColumnCheck, MistakenColumns, check_columns

@@ -12,14 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pointing runs from files, a module for each format, whose `FORMAT` is found by itself.
+"""Formats of pointing runs: a module for each, whose `FORMAT` is found by `run_reader`.
 
-`run_reader` tries them; all other modules are what formats share.
+What they share is in `pointing_model.runs.columns`.
 """
-
-from .checks import NoUsableRow
-from .csv import iso_utc, write_csv
-from .run_reader import read_run, swap_encoders
-from .run_table import NoObservations
-
-__all__ = ['NoObservations', 'NoUsableRow', 'iso_utc', 'read_run', 'swap_encoders', 'write_csv']

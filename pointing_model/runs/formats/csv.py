@@ -23,12 +23,12 @@ from msg_tools.whole_files import beside
 from pointing_model.mounts import ALTAZ, is_beyond, mount_text, through_pole
 from pointing_model.runs.run import COLUMNS, column_name, known_site
 
-from . import hints, run_table, solve_columns
-from .cells import Cells, delimiter_of, split_row, write_rows
-from .column_names import CSV_NAMES, HORIZON_NAMES, OTHER_NAMES, near_column
-from .declarations import NUMBERS, declarations
-from .run_table import RunFormat, Table, content
-from .text_rows import CLOCK, UNKNOWN, decimal_points, is_number
+from ..columns import hints, run_table, solve_columns
+from ..columns.cells import Cells, delimiter_of, split_row, write_rows
+from ..columns.column_names import CSV_NAMES, HORIZON_NAMES, OTHER_NAMES, near_column
+from ..columns.declarations import NUMBERS, declarations
+from ..columns.run_table import RunFormat, Table, content
+from ..columns.text_rows import CLOCK, UNKNOWN, decimal_points, is_number
 
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
 _SITE = {key: (name, unit) for key, (part, name, unit, *_) in NUMBERS.items() if part == 'site'}

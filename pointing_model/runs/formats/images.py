@@ -29,8 +29,8 @@ from pointing_model.runs.plate_solves.fits_images import (
 from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.run import COLUMNS, column_name
 
-from .declarations import declare
-from .run_table import Table, numbered_runs, own_name
+from ..columns.declarations import declare
+from ..columns.run_table import Table, numbered_runs, own_name
 
 _SAME_SITE = 0.01  # deg: sites of two images
 _TEXT = ('star', 'block', 'run', 'pier_side')

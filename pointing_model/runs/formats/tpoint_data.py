@@ -21,9 +21,9 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.runs.run import REQUIRED
 
+from ..columns.run_table import NoObservations, RunFormat, Table, content
+from ..columns.text_rows import WordRows, is_number, usual_width
 from .equatorial import PLACES, read_exported, read_short
-from .run_table import NoObservations, RunFormat, Table, content
-from .text_rows import WordRows, is_number, usual_width
 
 _SHORT = 'EQUATORIAL, SHORT'  # no option of a file
 _OPTIONS = ('ALTAZ', 'J2000', 'NODA', 'ALLSKY')  # beside EQUAT... and ROT...

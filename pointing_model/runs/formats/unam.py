@@ -21,8 +21,8 @@ import numpy as np
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
-from .run_table import RunFormat, Table, content
-from .text_rows import WordRows, is_number, usual_width
+from ..columns.run_table import RunFormat, Table, content
+from ..columns.text_rows import WordRows, is_number, usual_width
 
 #: a name holds a time stamp, to the second or finer
 _NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')

@@ -23,7 +23,8 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import through_pole
 from pointing_model.runs.plate_solves.solvers import NotSolved
-from pointing_model.sky.places import Site, sidereal_time
+from pointing_model.sky.places import sidereal_time
+from pointing_model.sky.site import Site
 
 from .client import PATIENCE, IndiClient, IndiError
 from .indi_camera import IndiCamera

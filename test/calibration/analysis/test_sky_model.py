@@ -29,7 +29,9 @@ from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.mounts import Mount, is_beyond, through_pole
 from pointing_model.rms import rms
-from pointing_model.runs.model_files import PROGRAMS, coefficient_table, export
+from pointing_model.runs.model_files import coefficient_table
+from pointing_model.runs.model_files.transfer import export
+from pointing_model.runs.programs import PROGRAMS
 from pointing_model.runs.run import PointingRun
 
 

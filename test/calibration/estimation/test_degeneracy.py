@@ -28,8 +28,8 @@ from calibration.report.terminal_tables import fit_tables
 from calibration.rows import usable
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 TRUTH = {'IA': 120.0, 'IE': -150.0, 'CA': 15.0, 'NPAE': -8.0, 'AN': 20.0, 'AW': 12.0, 'TF': 25.0}
 

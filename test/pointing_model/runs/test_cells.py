@@ -23,9 +23,10 @@ from places import CASES
 
 from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.runs.formats import read_run, write_csv
-from pointing_model.runs.formats.cells import plain_text, safe_text, write_rows
+from pointing_model.runs.columns.cells import plain_text, safe_text, write_rows
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 TRUE = {'IA': 120, 'IE': -40, 'CA': 15, 'NPAE': -8, 'AN': 20, 'AW': 12, 'TF': 25}
 HEADER = 'time,az_deg,el_deg,az_enc_deg,el_enc_deg'

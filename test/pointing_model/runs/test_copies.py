@@ -21,8 +21,8 @@ from places import CASES
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.copies import copies, without_copies
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 START = 1772539800.0
 

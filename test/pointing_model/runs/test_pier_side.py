@@ -24,7 +24,7 @@ from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount, is_beyond, through_pole
-from pointing_model.runs.formats import read_run
+from pointing_model.runs.run_reader import read_run
 
 GERMAN = Mount.equatorial(48.0 * DEG, 'german')
 TRUE = dict(zip(GERMAN.names.physical, (60.0, -40.0, 35.0, -20.0, 45.0, -70.0, 20.0)))

@@ -19,15 +19,11 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.runs.formats.declarations import declarations
+from pointing_model.runs.columns.declarations import declarations
 from pointing_model.runs.plate_solves.frames import ICRS, KNOWN, parse_frame, to_icrs
-from pointing_model.sky.places import (
-    DEFAULT_SITE,
-    Weather,
-    icrs_to_observed,
-    observed_directions,
-    observed_to_icrs,
-)
+from pointing_model.sky.air import Weather
+from pointing_model.sky.places import icrs_to_observed, observed_directions, observed_to_icrs
+from pointing_model.sky.site import DEFAULT_SITE
 
 T = 1_795_000_000.0
 

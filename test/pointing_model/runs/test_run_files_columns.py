@@ -19,10 +19,10 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import context
-from pointing_model.runs.formats import read_run
-from pointing_model.runs.formats.run_table import DERIVED
+from pointing_model.runs.columns.run_table import DERIVED
 from pointing_model.runs.run import COLUMNS
-from pointing_model.sky.places import Site
+from pointing_model.runs.run_reader import read_run
+from pointing_model.sky.site import Site
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg'
 SITE = Site(31.69 * DEG, -110.88 * DEG, 2608.0)
@@ -287,7 +287,7 @@ def test_blocks_of_a_long_file_are_one_table(read, monkeypatch):
     text = table(f'time,{HEADER},star,fan', *rows)
     whole = read(text)
     for module in ('cells', 'text_rows'):
-        monkeypatch.setattr(f'pointing_model.runs.formats.{module}._BLOCK', 7)
+        monkeypatch.setattr(f'pointing_model.runs.columns.{module}._BLOCK', 7)
     run = read(text)
     assert whole.meta['notes'] == run.meta['notes'] and len(run) == 39
     np.testing.assert_array_equal(whole.meta['lines'], run.meta['lines'])

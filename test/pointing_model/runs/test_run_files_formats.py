@@ -21,7 +21,8 @@ import pytest
 from places import ROOT
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.runs.formats import NoObservations, read_run
+from pointing_model.runs.columns.run_table import NoObservations
+from pointing_model.runs.run_reader import read_run
 
 MMT_CSV = ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv'
 SHARED = ROOT.parent / 'shared' / 'data'

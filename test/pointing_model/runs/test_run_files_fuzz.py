@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 
 from msg_tools.units import DEG
-from pointing_model.runs.formats import read_run
-from pointing_model.sky.places import Site
+from pointing_model.runs.run_reader import read_run
+from pointing_model.sky.site import Site
 
 SEEDS = {
     'csv': 'time,star,run,az_deg,el_deg,az_enc_deg,el_enc_deg,az_abs_deg,el_abs_deg,'

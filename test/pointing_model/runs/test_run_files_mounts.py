@@ -25,9 +25,13 @@ from pointing_model.context import Context
 from pointing_model.effects import dictionary
 from pointing_model.mounts import Mount, is_beyond, through_pole
 from pointing_model.pointing_terms import stacked_design
-from pointing_model.runs.formats import equinox, read_run, write_csv
+from pointing_model.runs.columns import equinox
+from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
-from pointing_model.sky.places import Site, Weather, icrs_to_observed, moment_of, sidereal_time
+from pointing_model.runs.run_reader import read_run
+from pointing_model.sky.air import Weather
+from pointing_model.sky.places import icrs_to_observed, moment_of, sidereal_time
+from pointing_model.sky.site import Site
 
 SITE = Site(31.0455305556 * DEG, -115.4669 * DEG, 2790.0)
 GERMAN = Mount.equatorial(SITE.latitude, 'german')

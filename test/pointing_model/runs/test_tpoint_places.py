@@ -24,8 +24,10 @@ from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.runs.formats import read_run
-from pointing_model.sky.places import Site, Weather, icrs_to_observed, sidereal_time
+from pointing_model.runs.run_reader import read_run
+from pointing_model.sky.air import Weather
+from pointing_model.sky.places import icrs_to_observed, sidereal_time
+from pointing_model.sky.site import Site
 
 DAY = 1772496000.0  # 2026-03-03
 

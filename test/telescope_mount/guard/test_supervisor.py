@@ -23,7 +23,8 @@ from obedient_mount import AXIS, START, Mount, off
 
 from msg_tools.units import DEG
 from pointing_model.mounts import Mount as Places
-from pointing_model.sky.places import DEFAULT_SITE, sun_place
+from pointing_model.sky.places import sun_place
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.sky_limits import SUN, SkyCircles
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard import supervisor as supervisor_of

@@ -19,7 +19,8 @@ import pytest
 
 from msg_tools.units import DEG
 from pointing_model.mounts import Mount
-from pointing_model.sky.places import DEFAULT_SITE, sun_place
+from pointing_model.sky.places import sun_place
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.sky_limits import SUN, Circle, SkyCircles, SkyLimit
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from telescope_mount.guard.axis_track import Cubic

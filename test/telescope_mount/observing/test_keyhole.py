@@ -21,7 +21,7 @@ from kepler_orbit import START, terrestrial
 from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, parse_mount
 from pointing_model.sky.orbits.ephemeris import Arc, Orbit
-from pointing_model.sky.places import Site
+from pointing_model.sky.site import Site
 from telescope_mount.guard.limits import Axis
 from telescope_mount.observing.keyhole import STEP, across, keyholes
 from telescope_mount.observing.pass_forecast import pass_forecasts

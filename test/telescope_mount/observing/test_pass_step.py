@@ -21,8 +21,8 @@ from kepler_orbit import START, sp3
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import parse_mount
-from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import satellite_target
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.limits import Axis, Limits
@@ -98,7 +98,7 @@ def test_no_command_of_a_pass_overhead_leaves_the_limits(tmp_path):
     """A low satellite through 88 degrees: the seconds lost are those that were said before."""
     from kepler_orbit import terrestrial
 
-    from pointing_model.sky.places import Site
+    from pointing_model.sky.site import Site
     from telescope_mount.observing.pass_step import way_through
     path = tmp_path / 'low.sp3'
     path.write_text(sp3(10.0 * np.arange(700), name='X01', velocities=False, **LOW))

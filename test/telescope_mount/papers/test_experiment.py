@@ -24,8 +24,8 @@ import pytest
 
 from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.run_messages import cloud_to_run
+from pointing_model.runs.run_reader import read_run
 from pointing_model.zero import is_for_zero
 from telescope_mount.night_files import Written
 from telescope_mount.observing.plan import parse_plan

@@ -31,7 +31,8 @@ from calibration.analysis.diagnosis.next_observations import (
 from calibration.report.observation_wording import place_words
 from msg_tools.units import DEG
 from pointing_model.context import Context
-from pointing_model.sky.places import Site, sun_place
+from pointing_model.sky.places import sun_place
+from pointing_model.sky.site import Site
 
 DAWN = 1_768_519_800.0  # 2026-01-15T23:30, an hour before sunrise at 34.3 N, 109 E
 HOURS = 0.25, 2.0, 6.0

@@ -27,8 +27,8 @@ from encoder_sim.scenario_file import load_scenario
 from encoder_sim.star_camera import Camera
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.context import Context
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 START = 1_768_482_000.0
 

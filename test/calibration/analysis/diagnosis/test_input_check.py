@@ -24,8 +24,8 @@ from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagn
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 SHARED = ROOT.parent / 'shared' / 'data'
 NAMES = ('az', 'el', 'az_enc', 'el_enc')

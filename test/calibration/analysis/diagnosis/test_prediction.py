@@ -97,5 +97,5 @@ def test_measured_runs(name, blocks):
     path = ROOT.parent / 'shared' / 'data' / name
     if not path.is_file():
         pytest.skip(f'no measured run {name} beside the project')
-    from pointing_model.runs.formats import read_run
+    from pointing_model.runs.run_reader import read_run
     assert predictive_model(read_run(path), folds=3).blocks.radial < blocks

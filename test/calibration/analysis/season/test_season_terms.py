@@ -36,8 +36,8 @@ from calibration.report.wording import worded
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.pointing_terms import design
-from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 NAMES = ('IA', 'IE', 'TF')
 ARC = DATA / 'arc35m'

@@ -28,15 +28,11 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import Mount
 from pointing_model.pointing_terms import terms_of
 from pointing_model.runs.model_files import (
-    PROGRAMS,
-    export,
-    program_for,
-    read_model,
-    uniform_sky,
-)
-from pointing_model.runs.model_files import (
     coefficient_table as table,
 )
+from pointing_model.runs.model_files.transfer import export, program_for, uniform_sky
+from pointing_model.runs.model_reader import read_model
+from pointing_model.runs.programs import PROGRAMS
 
 PHI = math.radians(33.3)
 GERMAN, FORK = Mount.equatorial(PHI, 'german'), Mount.equatorial(PHI)

@@ -29,16 +29,13 @@ from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL, TERMS, Trig
 from pointing_model.runs.model_files import (
-    PROGRAMS,
-    export,
-    read_model,
-    uniform_sky,
-)
-from pointing_model.runs.model_files import (
     coefficient_table as table,
 )
 from pointing_model.runs.model_files.term_columns import TERM_KEYS, model_columns, on_sky, summed
-from pointing_model.runs.model_files.tpoint import columns_of
+from pointing_model.runs.model_files.transfer import export, uniform_sky
+from pointing_model.runs.model_reader import read_model
+from pointing_model.runs.programs import PROGRAMS
+from pointing_model.runs.programs.tpoint import columns_of
 
 SEVEN = dict(zip(PHYSICAL, np.array([412.5, -31.25, 25.0, -18.5, 30.75, -22.0, 15.5]) * ARCSEC))
 SKY = uniform_sky(200)
@@ -117,7 +114,7 @@ def test_signs_of_katpoint_are_those_of_katpoint(tmp_path):
     theirs = katpoint.PointingModel()
     with open(path) as stream:
         theirs.fromfile(stream)
-    from pointing_model.runs.model_files.katpoint import description
+    from pointing_model.runs.programs.katpoint import description
     for one in (theirs, katpoint.PointingModel(description(exported.terms))):
         assert apart(one.apply(SKY.az, SKY.el), model.sky_to_encoder(SKY.az, SKY.el),
                      SKY.el) < 1e-6

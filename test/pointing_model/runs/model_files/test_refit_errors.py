@@ -24,8 +24,9 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.runs.model_files import PROGRAMS, export, uniform_sky
 from pointing_model.runs.model_files.term_columns import on_sky
+from pointing_model.runs.model_files.transfer import export, uniform_sky
+from pointing_model.runs.programs import PROGRAMS
 
 SEVEN = dict(zip(PHYSICAL, np.array([412.5, -31.25, 25.0, -18.5, 30.75, -22.0, 15.5]) * ARCSEC))
 SKY = uniform_sky(200)

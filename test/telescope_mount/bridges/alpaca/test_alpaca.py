@@ -28,7 +28,8 @@ from two_axes import TwoAxes
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.sky.places import DEFAULT_SITE, sidereal_time
+from pointing_model.sky.places import sidereal_time
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.alpaca.alpaca_driver import AlpacaDriver
 from telescope_mount.bridges.alpaca.alpaca_sources import AlpacaStars
 from telescope_mount.bridges.alpaca.alpaca_telescope import AlpacaError, AlpacaTelescope

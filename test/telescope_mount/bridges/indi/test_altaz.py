@@ -28,7 +28,7 @@ from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun
-from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
 from telescope_mount.bridges.indi.goto_mount import NO_AXES
 from telescope_mount.bridges.indi.indi_telescope import (

@@ -26,8 +26,9 @@ from fake_server import TELESCOPE, FakeServer, number, switch
 
 from msg_tools.iso_time import iso_seconds
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.runs.formats import iso_utc
-from pointing_model.sky.places import Site, observed_to_icrs, sidereal_time
+from pointing_model.runs.formats.csv import iso_utc
+from pointing_model.sky.places import observed_to_icrs, sidereal_time
+from pointing_model.sky.site import Site
 
 if find_spec('astropy') is None:
     pytest.skip('needs astropy (./install.sh ros,test,images)', allow_module_level=True)

@@ -20,7 +20,7 @@ import pytest
 from fake_server import DEVICE, TELESCOPE, FakeServer, number
 
 from msg_tools.units import DEG
-from pointing_model.sky.places import Site
+from pointing_model.sky.site import Site
 from telescope_mount.bridges.indi import parse_address
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
 from telescope_mount.bridges.indi.indi_telescope import TICK, IndiTelescope, Ticks, find_device

@@ -23,7 +23,8 @@ from fake_server import TELESCOPE, FakeServer, number, switch
 
 from msg_tools.units import DEG
 from pointing_model.mounts import Mount
-from pointing_model.sky.places import DEFAULT_SITE, sidereal_time
+from pointing_model.sky.places import sidereal_time
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.indi import goto_mount
 from telescope_mount.bridges.indi.client import IndiError
 from telescope_mount.bridges.indi.goto_mount import NO_AXES

@@ -27,7 +27,8 @@ from fake_server import TELESCOPE, FakeServer, number
 from msg_tools import convert, topics
 from msg_tools.params import BadInput
 from msg_tools.units import DEG
-from pointing_model.sky.places import DEFAULT_SITE, sidereal_time
+from pointing_model.sky.places import sidereal_time
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.indi.indi_mount_node import IndiMount
 from telescope_mount.bridges.indi.indi_sky_node import IndiSky
 from telescope_mount.bridges.indi.indi_telescope import SIMULATOR

@@ -30,7 +30,7 @@ from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun
-from pointing_model.sky.places import Site
+from pointing_model.sky.site import Site
 from telescope_mount.bridges.indi.client import IndiClient
 from telescope_mount.bridges.indi.indi_telescope import CUSTOM, MODE, IndiTelescope, Ticks
 

@@ -24,13 +24,14 @@ from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
 from pointing_model.runs.plate_solves.mapping import looks_like_mapping
 from pointing_model.runs.run import PointingRun, known_site
 
-from . import axis_places, checks, hints, solve_columns
-from .images import read_images
-from .run_table import content, read_lines
-from .text_rows import is_number
+from . import formats
+from .columns import axis_places, checks, hints, solve_columns
+from .columns.run_table import content, read_lines
+from .columns.text_rows import is_number
+from .formats.images import read_images
 
-_MODULES = [import_module(f'.{module.name}', __package__)
-            for module in iter_modules([str(Path(__file__).parent)])]
+_MODULES = [import_module(f'{formats.__name__}.{module.name}')
+            for module in iter_modules(formats.__path__)]
 #: what modules of this package declare, in the order in which they are tried
 FORMATS = sorted((module.FORMAT for module in _MODULES if hasattr(module, 'FORMAT')),
                  key=lambda one: one.rank)
@@ -61,11 +62,11 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
     azimuth_origin : {'N', 'S'}, optional
         'N': azimuth 0 is north, 90 east. 'S': 0 is south, 90 east (azimuths are converted to
         180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
-    site : pointing_model.sky.places.Site, or dict with some of its fields, optional
+    site : pointing_model.sky.site.Site, or dict with some of its fields, optional
         Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
         place of what the file gives, what a dict has not as the file gives it; ``meta['notes']``
         says so if its latitude is another than the file's.
-    weather : pointing_model.sky.places.Weather, optional
+    weather : pointing_model.sky.air.Weather, optional
         For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
         ``pressure_hpa``. By default a standard atmosphere at the site, 10 C.
     encoder : {'enc', 'abs'}, optional

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Names of columns that are read, and of those that are near to one and are not read by it."""
+"""Names of columns: those that are read, those near to one, those that name a cause."""
 
 import difflib
 import re
@@ -39,6 +39,29 @@ _SHORT = 4  # letters: below, any name is near another
 _COUNTED = re.compile(r'\d')
 #: of a row of solved images, beside right ascension and declination
 _SOLVE_COLUMNS = (SIGMA, SCALE, PARITY)
+#: words in names of columns that are causes: what acts on a mount and no fit or image makes
+_CAUSES = set(re.split(r'\s+', """ambient amb air dome truss tube mirror pier side humidity hum rh
+    dew wind gust hpa mbar baro filter colour color magnitude mag exposure load balance cable sun
+    moon heater fan voltage supply"""))
+_CAUSE_BEGINS = ('temp', 'tamb', 'tair', 'ttube', 'tmirror', 'ttruss', 'tdome', 'press', 'humid',
+                 'wind', 'foc', 'rot', 'derot')
+#: words in names of columns that are outcomes of a fit or of an image, whatever else is in them
+_OUTCOMES = set(re.split(r'\s+', """rms error errors err chi chi2 sigma sig std stdev rmse fwhm
+    fitted model offset offsets delta asym asymmetry weight quality score correction corr peak
+    flux snr dx dy daz del"""))
+_OUTCOME_BEGINS = ('resid', 'asym')
+
+
+def is_cause(name):
+    """Whether the name of a column says that it is a cause and not an outcome of a measurement.
+
+    ``Tamb``, ``wind_speed`` and ``foc.dZ`` are; ``src.dFWHM``, ``temp_residual`` and ``column7``
+    are not.
+    """
+    words = [w.lower() for w in re.findall(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+', name)]
+    if any(w in _OUTCOMES or w.startswith(_OUTCOME_BEGINS) for w in words):
+        return False
+    return any(w in _CAUSES or w.startswith(_CAUSE_BEGINS) for w in words)
 
 
 def near_column(name, header, by_header, names):

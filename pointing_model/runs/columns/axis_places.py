@@ -169,7 +169,7 @@ def _whole_site(path, meta, sidereal_clock):
                          f'{" and ".join(missing)} is missing: comments '
                          + ', '.join(f'"# {name}_deg: ..."' for name in missing)
                          + f', or {" ".join(f"--{name} DEG" for name in missing)}')
-    from pointing_model.sky.places import Site
+    from pointing_model.sky.site import Site
     # with a sidereal clock the longitude only says which moment of the day it is
     return Site(given['latitude'], given.get('longitude', 0.0), given.get('height', 0.0))
 
@@ -337,7 +337,7 @@ def _keep_written(path, table, pairs, side, mount):
 
 def _air(columns, rows, site, weather, meta):
     """Weather of each row: its own columns, else what was given, else a standard atmosphere."""
-    from pointing_model.sky.places import Weather
+    from pointing_model.sky.air import Weather
     given = meta.get('weather')
     if weather is None and given:
         weather = Weather(**{'pressure_hpa': standard_pressure(site.height), **given})

@@ -36,9 +36,9 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, ON_SKY, sides
 
+from ..model_files.program import ModelFile, Program, for_celestial
+from ..model_files.term_columns import TERM_KEYS, on_sky
 from . import spk
-from .program import ModelFile, Program, for_celestial
-from .term_columns import TERM_KEYS, on_sky
 
 #: Pmfit's terms in its order -> its coefficient for a unit of ours
 _TERMS = {'IA': 1, 'IE': -1, 'AN': 1, 'AW': 1, 'CA': 1, 'TF': 1}

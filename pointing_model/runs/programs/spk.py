@@ -27,8 +27,8 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ, is_beyond
 
-from .program import ModelFile, Program, for_celestial, number_of
-from .term_columns import TERM_KEYS
+from ..model_files.program import ModelFile, Program, for_celestial, number_of
+from ..model_files.term_columns import TERM_KEYS
 
 #: member of spkPM -> our term and SPK's coefficient for a unit of ours
 _MEMBERS = {'pia': ('IA', 1), 'pib': ('IE', -1), 'pvd': ('TF', 1), 'pca': ('CA', 1),

@@ -25,8 +25,8 @@ import re
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
-from .program import ModelFile, Program, first_order, for_celestial, number_of
-from .term_columns import TERM_KEYS, column
+from ..model_files.program import ModelFile, Program, first_order, for_celestial, number_of
+from ..model_files.term_columns import TERM_KEYS, column
 
 #: of the line, in its order: the column, and RTS2's coefficient for a unit of ours
 _LINE = {'ia': ('IA', -1), 'tn': ('AN', -1), 'te': ('AW', 1), 'npae': ('NPAE', -1),

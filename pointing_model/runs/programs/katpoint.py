@@ -26,8 +26,8 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .program import ModelFile, Program, number_of
-from .term_columns import column, summed
+from ..model_files.program import ModelFile, Program, number_of
+from ..model_files.term_columns import column, summed
 
 _A, _E = (lambda f, k=1: (f, 'A', k)), (lambda f, k=1: (f, 'E', k))
 #: name -> (column, sign, what katpoint says of it)

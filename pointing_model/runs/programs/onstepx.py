@@ -27,8 +27,8 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
-from .program import ModelFile, Program, for_celestial, number_of
-from .term_columns import KEY_TERMS, TERM_KEYS, column, summed
+from ..model_files.program import ModelFile, Program, for_celestial, number_of
+from ..model_files.term_columns import KEY_TERMS, TERM_KEYS, column, summed
 
 _WAVES = {'hca': ('az', 'A'), 'dca': ('el', 'E')}
 #: number of the command -> its name there

@@ -35,8 +35,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
 from pointing_model.pointing_terms import terms_of
 
-from . import spk
-from .program import (
+from ..model_files.program import (
     ModelFile,
     Program,
     first_order_at_encoder,
@@ -44,7 +43,8 @@ from .program import (
     refuse_equatorial,
     rotations,
 )
-from .term_columns import TERM_KEYS, column, summed
+from ..model_files.term_columns import TERM_KEYS, column, summed
+from . import spk
 
 #: our coefficient for a unit of TPOINT's, of the terms with their own name
 _NAMED = {'IA': 1, 'IE': -1, 'CA': 1, 'NPAE': 1, 'AN': 1, 'AW': 1, 'TF': 1, 'TX': 1, 'ECES': -1,

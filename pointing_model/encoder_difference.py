@@ -1,0 +1,69 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Both encoders at one moment, from two streams of readings."""
+
+from collections import deque
+
+import numpy as np
+
+from msg_tools.units import DEG
+
+from .reading_interpolation import interpolate
+
+#: an axis faster than this is no place to compare encoders of different latency, rad/s
+_SLOW = 0.01 * DEG
+
+
+class Difference:
+    """Readings of both encoders of one moment, from streams of each that know no other.
+
+    Attributes
+    ----------
+    incremental, absolute : ndarray, shape (2,), or None
+        The last pair, rad.
+    start : float
+        When the power-on began that this reading of the absolute encoder is of, UTC s; NaN where
+        it does not report it.
+    """
+
+    def __init__(self):
+        self._readings = deque(maxlen=100)
+        self._second = None
+        self.incremental = self.absolute = None
+        self.start = np.nan
+
+    def update_incremental(self, stamp, angles):
+        """Take a reading (ns, rad)."""
+        if self._readings and stamp <= self._readings[-1][0]:
+            self._readings.clear()
+        self._readings.append((stamp, angles))
+        self._pair()
+
+    def update_absolute(self, stamp, angles, start=np.nan):
+        """Take a reading (ns, rad), and when its power-on began (UTC s)."""
+        self._second = stamp, angles, start
+        self._pair()
+
+    def _pair(self):
+        if self._second is None or not np.isfinite(self._second[1]).all():
+            return
+        stamps, angles = [s for s, _ in self._readings], [a for _, a in self._readings]
+        try:
+            reading, rate = interpolate(stamps, angles, self._second[0])
+        except ValueError:
+            return
+        if np.all(np.abs(rate) < _SLOW):
+            self.incremental, self.absolute = reading, np.array(self._second[1])
+            self.start = self._second[2]

@@ -1,0 +1,93 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Model files: ours, a table, or one of another program, recognised by their content."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ, mount_wording
+
+from .model_files import coefficient_table
+from .model_files.transfer import imported, program_for
+from .programs import PROGRAMS
+
+_OURS = ('.json', '.yaml', '.yml')
+
+
+@dataclass
+class ImportedModel:
+    """A model that was read.
+
+    Attributes
+    ----------
+    model : PointingModel
+    program : str
+        ``telescope_mount``, ``table`` or a name of `PROGRAMS`.
+    notes : list of str
+        What a reader should know.
+    """
+
+    model: PointingModel
+    program: str
+    notes: list = field(default_factory=list)
+
+
+def read_model(path, mount=ALTAZ):
+    """Read a model file of ours or of another program, recognised by its content.
+
+    Parameters
+    ----------
+    path : str or Path
+    mount : Mount, optional
+        That the model is of; a file of ours knows its own.
+
+    Returns
+    -------
+    ImportedModel
+
+    Raises
+    ------
+    ValueError
+        One line: unknown terms, numbers that are not finite, another mount, or no such file.
+    OSError
+        The file cannot be read.
+    """
+    path = Path(path)
+    if path.suffix.lower() in _OURS:
+        model = PointingModel.load(path)
+        if not mount.vertical and not model.mount.agrees(mount):
+            raise ValueError(f'{path} is a model of another mount ({mount_wording(model.mount)}) '
+                             f'than the one that is meant ({mount_wording(mount)})')
+        return ImportedModel(model, 'telescope_mount')
+    data = path.read_bytes()
+    if not data.strip():
+        raise ValueError(f'{path} is empty')
+    text = data.decode('utf-8-sig', errors='replace').replace('\r\n', '\n')
+    if coefficient_table.looks_like(text):
+        return ImportedModel(coefficient_table.read(path, text, mount), coefficient_table.NAME)
+    for program in PROGRAMS.values():
+        if program.looks_like(text):
+            program = program_for(program, mount)
+            found = program.read(path, text)
+            model, loss = imported(program, found, path)
+            notes = list(found.notes)
+            if loss is not None and loss.largest > 1e-3:
+                notes.append(f'{program.title} computes it otherwise by {loss.rms:.3f} arcsec RMS, '
+                             f'at most {loss.largest:.3f}, on a uniform sky above 20 degrees')
+            return ImportedModel(model, program.name, notes)
+    raise ValueError(f'{path} is no model file: expected ours (.json, .yaml), a table with name '
+                     'and value_arcsec, or one of ' + ', '.join(
+                         p.title for p in PROGRAMS.values()))

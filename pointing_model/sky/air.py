@@ -1,0 +1,77 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Air at the mount, and the refraction that ERFA computes of it."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import erfa
+import numpy as np
+
+from .site import within
+
+
+@dataclass(frozen=True)
+class Weather:
+    """Air at the mount, for the refraction; each a number or one for each observation.
+
+    Parameters
+    ----------
+    pressure_hpa : float or ndarray
+        Pressure at the mount, not reduced to sea level; 0 means no refraction.
+    temperature_c : float or ndarray
+        Degrees Celsius.
+    humidity : float or ndarray
+        Relative, 0 to 1.
+    wavelength_um : float
+        Micrometres.
+
+    Raises
+    ------
+    ValueError
+        Out of range.
+    """
+
+    pressure_hpa: float = 955.0
+    temperature_c: float = 10.0
+    humidity: float = 0.5
+    wavelength_um: float = 0.55
+
+    def __post_init__(self):
+        within('pressure', self.pressure_hpa, 0.0, 1200.0, 'hPa')
+        within('temperature', self.temperature_c, -90.0, 60.0, 'degrees Celsius')
+        within('humidity', self.humidity, 0.0, 1.0, '(a fraction)')
+        within('wavelength', self.wavelength_um, 0.2, 1e6, 'micrometres')
+
+
+DEFAULT_WEATHER = Weather()
+
+
+@lru_cache(maxsize=256)
+def _constants(pressure, temperature, humidity, wavelength):
+    return erfa.ufunc.refco(pressure, temperature, humidity, wavelength)
+
+
+def refracted(astrom, weather):
+    """ERFA's astrom with the refraction; `astrom` itself where its shape is that of the weather."""
+    air = (weather.pressure_hpa, weather.temperature_c, weather.humidity, weather.wavelength_um)
+    if all(isinstance(value, (float, int)) for value in air):
+        refa, refb = _constants(*air)
+    else:
+        refa, refb = erfa.ufunc.refco(*air)
+        if np.ndim(refa) > astrom.ndim:
+            astrom = np.broadcast_to(astrom, np.shape(refa)).copy()
+    astrom['refa'], astrom['refb'] = refa, refb
+    return astrom
