@@ -17,7 +17,7 @@
 from calibration.analysis.diagnosis.residual_correlation import FEWEST
 from pointing_model.effects.base import arcsec, the
 
-_NAMED = 5  # drivers in a sentence, at most
+_NAMED = 2  # causes in a sentence, at most
 #: of the variance of an axis, from where an even drift is told
 _MOSTLY = 0.5
 
@@ -69,13 +69,21 @@ def drift_words(entry, axes):
 
 
 def explanation(effects):
-    """What would explain it: one cause by its name, of several what they follow."""
+    """What explains it as well: causes by their names, curves without a cause by what they follow.
+
+    Parameters
+    ----------
+    effects : sequence of dict
+        ``explained_by`` of the entry, the likeliest first.
+    """
     causes = list(dict.fromkeys(one['cause'] for one in effects if not one['curve']))
-    if len(causes) == 1 and len(effects) == 1:
+    if len(causes) == 1:
         return f'"{causes[0]}"'
+    if causes:
+        more = len(causes) - _NAMED
+        short = [f'"{cause.split(":")[0]}"' for cause in causes[:_NAMED]]
+        return ' or '.join([*short, f'one of {more} more of the ranking'][:_NAMED + (more > 0)])
     drivers = list(dict.fromkeys(the(one['driver']) for one in effects))
-    if len(drivers) > _NAMED:
-        drivers = [*drivers[:_NAMED - 1], f'{len(drivers) - _NAMED + 1} more that the ranking has']
     return f'something that changes with {" or ".join(drivers)}' if drivers else ''
 
 

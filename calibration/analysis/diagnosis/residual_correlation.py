@@ -23,7 +23,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import chdtrc
 
+from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.significance import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
@@ -37,6 +39,8 @@ _STEP = 1.0 / 3.0  # of the distance of any two rows: steps so short go along th
 _ANCHORS = 400  # rows of which the pairs are looked at, at most
 _ABOUT = 0.5  # of the distance in the order, by which a pair may be nearer or farther
 _NEAR = 5.0  # deg on the sky, within which two rows are near at least
+#: drivers of which a curve is a drift itself
+_DRIFTS = ('time', 'order', 'run_hours')
 FEWEST = 10  # pairs, of which a figure is told
 
 
@@ -51,7 +55,7 @@ class ResidualCorrelation:
     p : float
         That noise without memory would show as much, at most.
     like : list of CandidateGroup
-        Effects of the dictionary that would explain it, had the noise no memory.
+        Effects that explain it as well, had the noise no memory: the likeliest first.
     """
 
     axes: dict
@@ -83,7 +87,37 @@ def residual_correlation(problem, choice, alpha):
         return None
     axes = {name: one for name, one in zip(('az', 'el'), memory) if one.variance > 0.0}
     # of effects that are beyond chance no more is known than that they are
-    return ResidualCorrelation(axes, min(p, alpha), list(choice.masked))
+    return ResidualCorrelation(axes, min(p, alpha), _as_well(problem, choice.chosen, axes))
+
+
+def _as_well(problem, chosen, axes):
+    """Candidates that explain the rows as well as the memory of the noise on their axes does.
+
+    By BIC, within `SET_WIDTH` of the memory (its size and its length are two numbers an axis) and
+    of the best candidate of the same axes: a set of equals, of which the memory is one.
+    """
+    fit = problem.plain.fit(list(chosen))
+    cost = 2.0 * np.log(max(np.count_nonzero(fit.weights > 0.0), 2))
+    gains = [axes[name].gain - cost if name in axes else -np.inf for name in ('az', 'el')]
+    # an axis whose memory does not pay has none to be explained
+    memory = {i: gain for i, gain in enumerate(gains) if gain >= min(max(gains), 0.0)}
+    least = min(memory.values()) - SET_WIDTH
+    found = []
+    for bank in (problem.dictionary, problem.curves):
+        if not len(bank):
+            continue
+        gains = bank.score(fit).delta_bic
+        for g in np.flatnonzero(gains >= max(least, 0.0)):
+            if bank.effects[g].kind == 'smooth' and bank.effects[g].driver in _DRIFTS:
+                continue
+            one = CandidateGroup(int(g), bank is problem.curves)
+            moves = np.abs(one.columns(problem).reshape(-1, 2, problem.n)).max(axis=(0, 2)) > 0.0
+            on = tuple(i for i in memory if moves[i])
+            if on and gains[g] >= sum(memory[i] for i in on) - SET_WIDTH:
+                found.append((float(gains[g]), on, one))
+    best = {on: max(gain for gain, its, _ in found if its == on) for _, on, _ in found}
+    return [one for gain, on, one in sorted(found, key=lambda each: -each[0])
+            if gain >= best[on] - SET_WIDTH]
 
 
 def memory_chance(memory):
@@ -118,10 +152,10 @@ def correlation_entry(found, problem, context, chosen, residual):
     Returns
     -------
     dict
-        ``p`` (at most); ``like`` (names of effects that would explain it); ``slow``: it lasts
+        ``p`` (at most); ``like`` (names of effects that explain it as well); ``slow``: it lasts
         longer than from row to row; ``along_the_sky``, see `along_the_sky`;
         ``removes_rms_arcsec``: what it did in these rows, RMS on the sky beyond the terms;
-        ``explained_by``: of what would explain it ``cause``, ``driver`` and whether it is a
+        ``explained_by``: of what explains it as well ``cause``, ``driver`` and whether it is a
         ``curve``; ``pairs`` of rows ``within_deg`` on the sky and far in the order; and ``axes``:
         of each ``sigma_arcsec`` of the process, ``memory`` and ``span`` (of the rows) in ``unit``
         (hours, rows), ``angle`` (it is one of the azimuth axis: times cos E on the sky), as the

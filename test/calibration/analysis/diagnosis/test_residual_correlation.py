@@ -380,3 +380,25 @@ def test_progress_counts_the_folds():
     assert told[0][1:] == (0, None)
     counts = [(done, total) for _, done, total in told[1:]]
     assert counts == [(k, 12) for k in range(1, 13)]
+
+
+def test_what_explains_rows_as_well_as_a_drift_is_told_with_it():
+    def of(seed, moves):
+        return diagnose(night(seed, effect=lambda c: (0.0, ARCSEC * moves(len(c['el'])))), **FAST)
+    jumps = [of(700 + i, lambda n, i=i: 2.0 * (np.arange(n) >= 20 + 5 * i)) for i in range(4)]
+    shown = [{e.fitted.effect.name for e in r.effects} | {
+        name for e in r.effects for name in e.alternatives} | set((r.noise_memory or {}).get(
+            'like', ())) for r in jumps]
+    assert any(r.verdict == 'wanders' for r in jumps)
+    assert all('elevation_zero_step' in names for names in shown)
+    # a zero that goes far again and again has not jumped once
+    rng = np.random.default_rng(5)
+
+    def wandering(n):
+        e = 3.0 * rng.normal(size=n)
+        for i in range(1, n):
+            e[i] = 0.9 * e[i - 1] + 0.44 * e[i]
+        return e
+    drifts = [of(720 + i, wandering) for i in range(4)]
+    assert all(r.verdict == 'wanders' for r in drifts)
+    assert sum('elevation_zero_step' in r.noise_memory['like'] for r in drifts) <= 1
