@@ -19,25 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.report import page_parts as page
 from calibration.report.diagnosis_summary import effect_line
 from calibration.report.drawing import limit_of
 from calibration.report.error_table import errors_section
 from calibration.report.page_html import body_of, whole
-from calibration.report.page_parts import (
-    Bars,
-    Cards,
-    Controls,
-    FoldedSection,
-    Heading,
-    Link,
-    Listed,
-    Number,
-    Pair,
-    Paragraph,
-    Section,
-    Table,
-    Verdict,
-)
 from calibration.report.provenance import provenance_section, site_text
 from calibration.report.residual_figures import target
 from msg_tools.bag.bag_pair import parameters_of
@@ -88,25 +74,27 @@ def write_loop_page(folder, report, run):
         params = parameters_of(open_bag(folder / 'bag').metadata, '/star_observer') or {}
     hits = _targets(report, run)
     body = [
-        Heading('The loop closed'),
-        Paragraph(f'{what} · verdict {report["verdict"]} · mount {run.mount.kind} · '
-                  f'{len(run)} observations', 'meta'),
-        Controls(),
-        Verdict(headline, [
-            Cards([(before, f'before: {label}'), (after, f'after: {label}'),
-                   (report['noise_floor_arcsec'], 'noise floor')]),
-            hits and [Paragraph(_BLIND, 'note'), hits], Listed(alarms)],
+        page.Heading('The loop closed'),
+        page.Paragraph(f'{what} · verdict {report["verdict"]} · mount {run.mount.kind} · '
+                       f'{len(run)} observations', 'meta'),
+        page.Controls(),
+        page.Verdict(headline, [
+            page.Cards([(before, f'before: {label}'), (after, f'after: {label}'),
+                        (report['noise_floor_arcsec'], 'noise floor')]),
+            hits and [page.Paragraph(_BLIND, 'note'), hits], page.Listed(alarms)],
             report['verdict'].replace('_', ' '),
             'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else ''),
-        errors_section(lines, None if lines else Paragraph(
+        errors_section(lines, None if lines else page.Paragraph(
             'None found: the model is unchanged.')),
-        FoldedSection('Effects added', Table(
+        page.FoldedSection('Effects added', page.Table(
             ('effect', 'coefficient', 'arcsec', 'σ', 'p', 'ΔBIC'),
             list(effect_rows(report['effects'])), 'numbers')),
-        FoldedSection('Summary', Listed(loop_sentences({**report, 'notes': [], 'alarms': []}))),
-        FoldedSection('RMS', Bars(_bars(report), report['noise_floor_arcsec'], 'noise floor')),
-        FoldedSection('Diagnosis', body_of(diagnosis)),
-        FoldedSection('Notes', Listed(
+        page.FoldedSection('Summary', page.Listed(
+            loop_sentences({**report, 'notes': [], 'alarms': []}))),
+        page.FoldedSection('RMS', page.Bars(
+            _bars(report), report['noise_floor_arcsec'], 'noise floor')),
+        page.FoldedSection('Diagnosis', body_of(diagnosis)),
+        page.FoldedSection('Notes', page.Listed(
             [*report['notes'], 'Encoders and instruments: telescope-mount info bag --report '
              'night.html'])),
         provenance_section([
@@ -142,8 +130,8 @@ def _targets(report, run):
     limit = limit_of(*hits)
     first, second = run.mount.names.axes
     axes = (f'{first} × cos {run.mount.names.letters[1]}', second)
-    return Pair([target(axes, limit, *hit, f'{when}, seen by the camera', when)
-                 for hit, when in zip(hits, ('before', 'after'))])
+    return page.Pair([target(axes, limit, *hit, f'{when}, seen by the camera', when)
+                      for hit, when in zip(hits, ('before', 'after'))])
 
 
 def write_all_page(folder, report):
@@ -168,21 +156,21 @@ def write_all_page(folder, report):
         good += row['found'] in ('yes', 'followed', 'in the set', 'rightly none')
         before, after = (row['paired'][when]['rms_arcsec'] for when in ('before', 'after'))
         name = row['scenario']
-        rows.append((Link(name, f'{name}/page.html'), row['verdict'],
-                     ', '.join(added(row)) or None, row['found'], Number(before),
-                     Number(after), Number(row['noise_floor_arcsec'])))
+        rows.append((page.Link(name, f'{name}/page.html'), row['verdict'],
+                     ', '.join(added(row)) or None, row['found'], page.Number(before),
+                     page.Number(after), page.Number(row['noise_floor_arcsec'])))
         bars.append((row['scenario'], [(before, 'before', 'before'), (after, 'after', 'after')]))
     total = len(report['scenarios'])
-    page = whole('The loop closed: all scenarios', [
-        Heading('The loop closed'),
-        Paragraph(f'{total} scenarios, seed {report["seed"]}', 'meta'),
-        Verdict(f'In {good} of {total} scenarios what was wrong was found, or rightly nothing',
-                kind='' if good == total else 'alarm'),
-        Section('Each scenario', Table(
+    text = whole('The loop closed: all scenarios', [
+        page.Heading('The loop closed'),
+        page.Paragraph(f'{total} scenarios, seed {report["seed"]}', 'meta'),
+        page.Verdict(f'In {good} of {total} scenarios what was wrong was found, or rightly nothing',
+                     kind='' if good == total else 'alarm'),
+        page.Section('Each scenario', page.Table(
             ('scenario', 'verdict', 'effects added', 'found', 'before ″', 'after ″', 'floor ″'),
             rows, 'sort'), 'The same fresh stars with the model before and after, radial RMS '
             'on the sky, arcsec.'),
-        Section('Before and after', Bars(bars)),
+        page.Section('Before and after', page.Bars(bars)),
         provenance_section([('seed', str(report['seed']))], [folder / 'report.json'])],
         'Pointing models that were mended and tried')
-    write_text(folder / 'page.html', page)
+    write_text(folder / 'page.html', text)

@@ -16,22 +16,12 @@
 
 from pointing_model.mount_kinds import kind_of
 
-from . import diagnosis_sections as page
+from . import diagnosis_sections as tables
+from . import page_parts as page
 from .driver_figures import drivers_section, effects_section
 from .error_table import errors_section
 from .observation_section import next_observations
 from .page_html import whole
-from .page_parts import (
-    Cards,
-    FoldedSection,
-    Footer,
-    Heading,
-    Listed,
-    Paragraph,
-    Section,
-    Table,
-    Verdict,
-)
 from .provenance import provenance_section
 from .refit_preview import preview
 from .residual_figures import controls, histograms, sky_maps, targets
@@ -57,37 +47,37 @@ def render(view, files=None):
     data = view.residuals
     title = 'Pointing diagnosis' + f': {view.about}' * bool(view.about)
     return whole(f'{title} ({view.word})', [
-        Heading(title), Paragraph(view.meta, 'meta'), controls(data),
-        Verdict(summary.headline, [
-            Cards(summary.numbers),
-            Paragraph(f'RMS on the sky, {summary.validation}.' * bool(summary.numbers), 'note'),
+        page.Heading(title), page.Paragraph(view.meta, 'meta'), controls(data),
+        page.Verdict(summary.headline, [
+            page.Cards(summary.numbers),
+            page.Paragraph(summary.numbers and f'RMS on the sky, {summary.validation}.', 'note'),
             sky_maps(data)], view.badge[1], view.badge[0]),
-        errors_section(summary.effects, Listed([*summary.cautions, summary.todo]),
+        errors_section(summary.effects, page.Listed([*summary.cautions, summary.todo]),
                        'Largest errors' if summary.effects else 'Cautions'),
-        Section('Outliers', page.outliers(document)),
-        FoldedSection('Evidence', [page.evidence(view), Table(
+        page.Section('Outliers', tables.outliers(document)),
+        page.FoldedSection('Evidence', [tables.evidence(view), page.Table(
             ('error', 'limit'), view.limits, 'numbers', 'Detection limits')]),
-        FoldedSection('RMS', [page.gain_bars(view), page.held_out(document, data.axes)]),
+        page.FoldedSection('RMS', [tables.gain_bars(view), tables.held_out(document, data.axes)]),
         effects_section(view),
-        FoldedSection('Next observations', next_observations(
+        page.FoldedSection('Next observations', next_observations(
             view.proposals, kind, data.grid)),
         drivers_section(view),
-        FoldedSection('Target', targets(data)),
-        FoldedSection('Histograms', histograms(data)),
-        FoldedSection('Candidate effects', page.ranking(
+        page.FoldedSection('Target', targets(data)),
+        page.FoldedSection('Histograms', histograms(data)),
+        page.FoldedSection('Candidate effects', tables.ranking(
             view.ranking, (document.get('wander') or {}).get('like', ())),
-                      f'Each alone, beside {view.model}.'),
-        FoldedSection('Terms', [
+                           f'Each alone, beside {view.model}.'),
+        page.FoldedSection('Terms', [
             terms_table(view.terms), run_terms_table(view.run_terms),
             correlation_table(view.correlated, view.correlations)],
             f'Encoder − catalogue. {_tpoint_signs(kind)}'),
-        FoldedSection('Stars', stars_table(data)),
-        FoldedSection('Notes on the data', Listed([*view.page_notes, *view.signs])),
-        FoldedSection('Excluded rows', page.exclusions(
+        page.FoldedSection('Stars', stars_table(data)),
+        page.FoldedSection('Notes on the data', page.Listed([*view.page_notes, *view.signs])),
+        page.FoldedSection('Excluded rows', tables.exclusions(
             document.get('excluded') or (), document.get('rows_are') or 'row')),
-        FoldedSection('Not testable', page.untestable(view.untestable)),
+        page.FoldedSection('Not testable', tables.untestable(view.untestable)),
         None if files is None else provenance_section([], files),
-        Footer(f'Encoder − catalogue, {data.axes[0]}, arcsec on the sky.'),
+        page.Footer(f'Encoder − catalogue, {data.axes[0]}, arcsec on the sky.'),
         preview(data, view.fits, view.lines, 'diagnose', view.file) if view.fits else None,
     ], 'Pointing diagnosis of a telescope mount')
 

@@ -22,19 +22,9 @@ from calibration.estimation.significance import SET_WIDTH
 from pointing_model.effects.base import AXES as AXIS_WORDS
 from pointing_model.effects.base import arcsec, readable
 
+from . import page_parts as page
 from .diagnosis_summary import MOST_OUTLIERS
 from .number_wording import probability
-from .page_parts import (
-    Bars,
-    Definitions,
-    Folded,
-    Gauge,
-    Number,
-    Paragraph,
-    Size,
-    Subsection,
-    Table,
-)
 
 _MEASURES = (('holdout_rms_arcsec', 'held-out runs'), ('cv_rms_arcsec', 'cross-validated'),
              ('rms_arcsec', 'fit residuals'), ('rms_x_arcsec', 'fit residuals, {}'),
@@ -57,15 +47,15 @@ def gain_bars(view):
         rows.insert(at, ('cross-validated in blocks of time', blocks['before'], blocks['after']))
     if not rows:
         return None
-    return Bars([(label, [(one, 'before', 'before'), (other, 'after', 'after')])
-                 for label, one, other in rows], document.get('noise_floor_arcsec'),
-                view.floor)
+    return page.Bars([(label, [(one, 'before', 'before'), (other, 'after', 'after')])
+                      for label, one, other in rows], document.get('noise_floor_arcsec'),
+                     view.floor)
 
 
 def evidence(view):
     """What speaks for each effect, in numbers; and figures of the whole."""
-    rows = [(one.title, Size(row['removes_rms_arcsec']), _gain(row.get('cv_gain_arcsec')),
-             Number(row.get('delta_bic'), 1), probability(row.get('p_family')),
+    rows = [(one.title, page.Size(row['removes_rms_arcsec']), _gain(row.get('cv_gain_arcsec')),
+             page.Number(row.get('delta_bic'), 1), probability(row.get('p_family')),
              _found_in(view.document, row['name']))
             for one, row in zip(view.effects, view.document['effects'])]
     document = view.document
@@ -82,12 +72,12 @@ def evidence(view):
                         f'{arcsec(expected["rms_arcsec"])} ({arcsec(expected["low_arcsec"])} to '
                         f'{arcsec(expected["high_arcsec"])}, '
                         f'{100 * expected["confidence"]:.0f} %)'))
-    return [Table(('effect', 'RMS removed', 'CV improvement', 'ΔBIC', 'p', 'resamples'), rows,
-                  'numbers folding', 'Evidence for each effect'), Definitions(figures)]
+    return [page.Table(('effect', 'RMS removed', 'CV improvement', 'ΔBIC', 'p', 'resamples'), rows,
+                       'numbers folding', 'Evidence for each effect'), page.Definitions(figures)]
 
 
 def _gain(value):
-    return None if value is None else Size(value, sign=True)
+    return None if value is None else page.Size(value, sign=True)
 
 
 def _found_in(document, name):
@@ -102,14 +92,14 @@ def held_out(document, axes):
     keys = [f'rms_{key}arcsec' for key in ('x_', 'y_', '')]
     rows = [[f'{night["run"]}: bad' if night['bad'] else night['run'], str(night['rows']),
              str(night['set_aside']),
-             *(Number(night[when][key]) for when in ('before', 'after') for key in keys)]
+             *(page.Number(night[when][key]) for when in ('before', 'after') for key in keys)]
             for night in nights]
     names = [*(axis.partition(' × ')[0] for axis in axes), 'radial']
     head = ['run', 'rows', 'set aside',
             *(f'{when}, {name}' for when in ('before', 'after') for name in names)]
     note = 'RMS on the sky, arcsec, with outliers.' * bool(nights)
-    return Subsection('Runs held out', [Table(head, rows, 'numbers folding'),
-                                        Paragraph(note, 'note')])
+    return page.Subsection('Runs held out', [page.Table(head, rows, 'numbers folding'),
+                                             page.Paragraph(note, 'note')])
 
 
 # ------------------------------------------------------------------------------- the candidates
@@ -134,7 +124,7 @@ def ranking(rows, slow=(), limit=6):
         if row['name'] in slow:
             cell[4] = f'{cell[4]}~'
     more = len(rows) - limit
-    return [Table(_RANKING, cells, 'ranking'), Paragraph(
+    return [page.Table(_RANKING, cells, 'ranking'), page.Paragraph(
         f'●: within {SET_WIDTH:g} of the best ΔBIC' + '; ~: or correlated noise' * marked
         + f'; {more} more in the JSON result' * (more > 0) + '.', 'note')]
 
@@ -150,7 +140,8 @@ def _candidates(rows):
         gain = r['delta_bic']
         part = np.clip(gain / top, 0.0, 1.0) if np.isfinite(gain) and top > 0 else 0.0
         out.append([str(i), readable(r['name']), AXIS_WORDS.get(r.get('axes'), r.get('axes')),
-                    [Gauge(part, r['in_set']), Number(gain, 1)], '●' if r['in_set'] else ''])
+                    [page.Gauge(part, r['in_set']), page.Number(gain, 1)],
+                    '●' if r['in_set'] else ''])
     return out
 
 
@@ -163,10 +154,10 @@ def outliers(document, limit=8):
     word = document.get('rows_are') or 'row'
     if len(rows) <= MOST_OUTLIERS:
         return None
-    return [Table((word, 'star', 'off on the sky'), [
+    return [page.Table((word, 'star', 'off on the sky'), [
         (f'{row.get("source", "")} {row["row"]}'.strip(), row.get('star'),
-         Size(np.hypot(row['x_arcsec'], row['y_arcsec']))) for row in rows[:limit]],
-        'numbers'), Paragraph(f'And {len(rows) - limit} more.' * (len(rows) > limit), 'note')]
+         page.Size(np.hypot(row['x_arcsec'], row['y_arcsec']))) for row in rows[:limit]],
+        'numbers'), page.Paragraph(f'And {len(rows) - limit} more.' * (len(rows) > limit), 'note')]
 
 
 def exclusions(excluded, word='row', limit=12):
@@ -181,8 +172,8 @@ def exclusions(excluded, word='row', limit=12):
                   if several and one.get('source') else str(one.get('row')) for one in ones]
         first, more = (', '.join(some) for some in (places[:limit], places[limit:]))
         rows.append([reason, str(len(ones)), [first, *[
-            ' ', Folded(f'and {len(places) - limit} more', more)] * bool(more)]])
-    return Table(['reason', 'count', f'{word}s'], rows)
+            ' ', page.Folded(f'and {len(places) - limit} more', more)] * bool(more)]])
+    return page.Table(['reason', 'count', f'{word}s'], rows)
 
 
 _SAME_CURVE = 'same as terms of the base here'
@@ -200,5 +191,5 @@ def untestable(rows, limit=2):
              for reason, names in list(reasons.items())[:_REASONS]]
     unknown = [[reason.removesuffix(_UNKNOWN), names] for reason, names in named
                if reason.endswith(_UNKNOWN)]
-    return [Table(['not known', 'effects'], unknown), Table(
+    return [page.Table(['not known', 'effects'], unknown), page.Table(
         ['reason', 'effects'], [row for row in named if not row[0].endswith(_UNKNOWN)])]

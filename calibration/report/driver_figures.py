@@ -21,19 +21,9 @@ import numpy as np
 from pointing_model.effects.base import arcsec
 from pointing_model.rms import rms
 
+from . import page_parts as page
 from .drawing import MAX_NAMED, Panel, limit_of, padded, svg
 from .error_table import MOST_ERRORS
-from .page_parts import (
-    Block,
-    Definitions,
-    Figure,
-    Folded,
-    FoldedSection,
-    Legend,
-    Pair,
-    Subsection,
-    Table,
-)
 
 #: rows up to which figures against drivers have every row to point at, and drivers in sight
 _LINKED, _MOST = 300, 6
@@ -43,15 +33,15 @@ def effects_section(view):
     """What is left without each effect, its causes and its formula."""
     left = len(view.effects) - MOST_ERRORS
     more = f'{left} smaller ones: in the JSON result.' if left > 0 else ''
-    return FoldedSection('Effects', [_effect(view, one) for one in view.effects[:MOST_ERRORS]],
-                         ' '.join(filter(None, [view.axes_note, more])))
+    return page.FoldedSection('Effects', [_effect(view, one) for one in view.effects[:MOST_ERRORS]],
+                              ' '.join(filter(None, [view.axes_note, more])))
 
 
 def _effect(view, effect):
     figure = effect_figure(view, effect)
-    kind = 'effect one' if figure and not isinstance(figure.drawing, Pair) else 'effect'
-    return Subsection(effect.name, Block([
-        Block([_causes(effect.causes), Definitions(effect.facts)]), figure], kind))
+    kind = 'effect one' if figure and not isinstance(figure.drawing, page.Pair) else 'effect'
+    return page.Subsection(effect.name, page.Block([
+        page.Block([_causes(effect.causes), page.Definitions(effect.facts)]), figure], kind))
 
 
 def _causes(rows):
@@ -60,7 +50,7 @@ def _causes(rows):
     for before, row in reversed(list(pairwise(rows))):
         if row[-1] and row[-1] == before[-1]:
             row[-1] = 'the same'
-    return Table(('cause', 'ΔBIC', 'coefficients ″', 'check'), rows, 'folding stack')
+    return page.Table(('cause', 'ΔBIC', 'coefficients ″', 'check'), rows, 'folding stack')
 
 
 def effect_figure(view, effect):
@@ -84,8 +74,8 @@ def effect_figure(view, effect):
         out.append(svg(420, 262, panel.parts, f'{effect.name}, {title}'))
     if not out:
         return None
-    return Figure(
-        out[0] if len(out) == 1 else Pair(out),
+    return page.Figure(
+        out[0] if len(out) == 1 else page.Pair(out),
         f'Strokes: the effect, {arcsec(float(rms(*own[:, used])))} RMS; dots: effect plus '
         f'residual{_how_to_read(driver, effect)}.')
 
@@ -99,9 +89,9 @@ def _how_to_read(driver, effect):
 def drivers_section(view):
     """Both axes against all drivers; those after the first fold away."""
     drawn = [driver_figure(view, driver) for driver in view.drivers]
-    marks = Legend((*Legend().entries, *[('fit', 'effects')] * view.changed))
-    return FoldedSection('Residuals by driver', [
-        marks, drawn[:_MOST], Folded(f'{len(drawn) - _MOST} more drivers', drawn[_MOST:])],
+    marks = page.Legend((*page.Legend().entries, *[('fit', 'effects')] * view.changed))
+    return page.FoldedSection('Residuals by driver', [
+        marks, drawn[:_MOST], page.Folded(f'{len(drawn) - _MOST} more drivers', drawn[_MOST:])],
         '' if view.effects else view.axes_note)
 
 
@@ -125,7 +115,7 @@ def driver_figure(view, driver):
         out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}',
                        'link'))
     missing = int((~np.isfinite(driver.values[used])).sum())
-    return Figure(Pair(out), f'Unknown in {missing} rows.' if missing else '')
+    return page.Figure(page.Pair(out), f'Unknown in {missing} rows.' if missing else '')
 
 
 def _spread(driver):

@@ -23,24 +23,12 @@ from calibration.report.row_wording import outlier_sentence
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
 
+from . import page_parts as page
 from .alignment_wording import alignment_lines
 from .diagnosis_sections import exclusions
 from .error_table import errors_section, term_lines
 from .number_wording import group_name
 from .page_html import whole
-from .page_parts import (
-    FOOTER,
-    Cards,
-    Folded,
-    FoldedSection,
-    Heading,
-    Listed,
-    Number,
-    Paragraph,
-    Section,
-    Table,
-    Verdict,
-)
 from .provenance import provenance_section, site_degrees, site_text
 from .refit_preview import preview
 from .residual_figures import controls, residual_sections, sky_maps
@@ -75,19 +63,19 @@ def render_fit(found, document):
     outliers = outlier_sentence(document) if document['outliers'] else ''
     terms = document['terms'] or ()
     more = None if not terms or 'within95_arcsec' not in terms[0] else (
-        Paragraph(f'{document["degrees_of_freedom"]} degrees of freedom.', 'note'))
+        page.Paragraph(f'{document["degrees_of_freedom"]} degrees of freedom.', 'note'))
     body = [
-        Heading('Fit of a pointing model'),
-        Paragraph(f'{document["rows_used"]} of {document["rows_read"]} rows used · '
-                  f'{Path(str(source)).name} · terms {", ".join(result.names)} · mount '
-                  f'{run.mount.kind}', 'meta'),
+        page.Heading('Fit of a pointing model'),
+        page.Paragraph(f'{document["rows_used"]} of {document["rows_read"]} rows used · '
+                       f'{Path(str(source)).name} · terms {", ".join(result.names)} · mount '
+                       f'{run.mount.kind}', 'meta'),
         controls(data),
-        Verdict(headline, [
-            Cards([(before['rms_arcsec'], 'raw', 'before'),
-                   (after['rms_arcsec'], 'fit residuals', 'after'),
-                   (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves')]),
-            Paragraph('RMS on the sky.', 'note'), sky_maps(data),
-            Listed([outliers, *map(wording, [
+        page.Verdict(headline, [
+            page.Cards([(before['rms_arcsec'], 'raw', 'before'),
+                        (after['rms_arcsec'], 'fit residuals', 'after'),
+                        (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves')]),
+            page.Paragraph('RMS on the sky.', 'note'), sky_maps(data),
+            page.Listed([outliers, *map(wording, [
                 *_patterns(found.findings), *result.findings(run)])])]),
         errors_section(term_lines(document['terms'], run), note='' if last is None else (
             f'The model corrects these; each RMS is of one term alone. What causes the '
@@ -98,13 +86,13 @@ def render_fit(found, document):
         *residual_sections(data),
         _alignment(document['polar_axis']),
         _compared(document, names),
-        FoldedSection('Excluded rows', exclusions(document['excluded'], limit=40)),
-        FoldedSection('Notes', Listed(document['notes'])),
+        page.FoldedSection('Excluded rows', exclusions(document['excluded'], limit=40)),
+        page.FoldedSection('Notes', page.Listed(document['notes'])),
         provenance_section([
             ('site', site_text(site_degrees(run.meta))), ('mount', run.mount.kind),
             ('encoder', {'enc': 'incremental', 'abs': 'absolute'}.get(encoder, encoder))],
             [source] if source else ()),
-        FOOTER, _preview(found, data, source)]
+        page.FOOTER, _preview(found, data, source)]
     return whole(f'Fit: {headline}', body, 'Fit of a pointing model')
 
 
@@ -144,8 +132,8 @@ def _preview(found, data, source):
 
 def _alignment(found):
     """What to turn, of an equatorial mount."""
-    return None if not found else Section(
-        'The way back to the bolts', Listed(alignment_lines(found)),
+    return None if not found else page.Section(
+        'The way back to the bolts', page.Listed(alignment_lines(found)),
         'From the exact azimuth and altitude of the axis, for a level base; after a turn '
         'measure again. The stars need their refraction, or the altitude is that of another pole.')
 
@@ -164,24 +152,24 @@ def _compared(document, names):
                  for name, key in (('the terms', before), ('to predict', after))]
         rows.append(('to predict', 'all rows', *_rms(predicted)))
         more = [
-            [Paragraph(f'{note}.') for note in predicted['notes']],
-            Folded('Parts of the prediction', Table(
+            [page.Paragraph(f'{note}.') for note in predicted['notes']],
+            page.Folded('Parts of the prediction', page.Table(
                 ('part', 'coefficients', 'RMS on these stars ″'),
-                [(readable(row['name']), str(row['columns']), Number(row['rms_arcsec'], 2))
+                [(readable(row['name']), str(row['columns']), page.Number(row['rms_arcsec'], 2))
                  for row in predicted['parts']], 'numbers')),
-            Folded('Coefficients of the prediction', Table(
+            page.Folded('Coefficients of the prediction', page.Table(
                 ('coefficient', 'value ″', 'σ ″'),
-                [(readable(row['name']), Number(row['value_arcsec'], 2, True),
-                  Number(row['sigma_arcsec'], 2)) for row in predicted['coefficients']
+                [(readable(row['name']), page.Number(row['value_arcsec'], 2, True),
+                  page.Number(row['sigma_arcsec'], 2)) for row in predicted['coefficients']
                  if row['value_arcsec']], 'numbers'))]
     harmonics = document.get('harmonics')
     if harmonics:
         rows.append((harmonics['label'], 'fit residuals', *(
-            Number(harmonics['fitted'].get(key)) for key in ('x', 'y', 'radial'))))
-    return FoldedSection('Models compared', [Table(
+            page.Number(harmonics['fitted'].get(key)) for key in ('x', 'y', 'radial'))))
+    return page.FoldedSection('Models compared', [page.Table(
         ('model', 'on', f'{names[0]} ″', f'{names[1]} ″', 'radial ″'), rows, 'numbers'), more],
         'RMS on the sky, arcsec.')
 
 
 def _rms(entry, before=''):
-    return [Number(entry.get(f'{before}rms_{part}arcsec')) for part in ('x_', 'y_', '')]
+    return [page.Number(entry.get(f'{before}rms_{part}arcsec')) for part in ('x_', 'y_', '')]

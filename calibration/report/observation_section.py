@@ -19,9 +19,9 @@ import numpy as np
 from pointing_model.effects.base import SIDES
 from pointing_model.mount_kinds import KINDS, USUAL
 
+from . import page_parts as page
 from .drawing import SkyMap, svg
 from .number_wording import number
-from .page_parts import Block, Figure, Listed, Number, Paragraph, Subsection, Table
 
 #: pairs of causes whose observations are listed
 _PAIRS = 2
@@ -44,12 +44,13 @@ def next_observations(groups, kind=KINDS[USUAL], grid=None):
     rows = sorted((row for _, group, _ in groups[:_PAIRS] for row in group),
                   key=lambda row: row['number'])
     more = f'{len(groups) - _PAIRS} more in the JSON result.' * (len(groups) > _PAIRS)
-    tables = [*(_next_group(*group, kind) for group in groups[:_PAIRS]), Paragraph(more, 'note')]
+    tables = [_next_group(*group, kind) for group in groups[:_PAIRS]]
     sky = SkyMap(320, 0.0, grid)
     az, el = (np.radians([float(row[name]) for row in rows]) for name in ('az_deg', 'el_deg'))
     sky.marks(az, el, 'next', [f'{a:.0f}° azimuth, {e:.0f}° elevation'
                                for a, e in zip(np.degrees(az), np.degrees(el))])
-    return Block([Figure(svg(320, 320, sky.parts, 'Where to observe next')), Block(tables)], 'side')
+    return page.Block([page.Figure(svg(320, 320, sky.parts, 'Where to observe next')),
+                       page.Block([tables, page.Paragraph(more, 'note')])], 'side')
 
 
 def _next_group(head, group, note, kind):
@@ -68,17 +69,17 @@ def _next_group(head, group, note, kind):
         if row.get('last_move_deg'):
             sides.append(f'{row["last_move_deg"]:g}° back')
         hours = f'{number(row.get("after_hours"), 1)} {row.get("utc") or ""}'
-        cells.append([str(row['number']), *(Number(row[key], 0) for key in places),
+        cells.append([str(row['number']), *(page.Number(row[key], 0) for key in places),
                       *[hours] * timed,
-                      Number(row.get('separation_after'), 1)])
+                      page.Number(row.get('separation_after'), 1)])
         ways.append(', '.join(sides))
     moved = any(ways)
     if moved:
         for row, way in zip(cells, ways):
             row.insert(1 + len(places), way or 'any')
-    return Subsection('Separates' if head else 'Proposed', [
-        Listed(head), Paragraph(note, 'note'),
-        Table(['', *(f'{word} [°]' for word in places.values()),
-               *(['side, last motion' if kind.two_sided or any(
-                   row.get('through_pole') for row in group) else 'last motion'] if moved else []),
-               *(['hours from the last row [h], UTC'] if timed else []), 'expected ΔBIC'], cells)])
+    way = 'side, last motion' if kind.two_sided or any(
+        row.get('through_pole') for row in group) else 'last motion'
+    return page.Subsection('Separates' if head else 'Proposed', [
+        page.Listed(head), page.Paragraph(note, 'note'),
+        page.Table(['', *(f'{word} [°]' for word in places.values()), *[way] * moved,
+                    *['hours from the last row [h], UTC'] * timed, 'expected ΔBIC'], cells)])

@@ -120,6 +120,16 @@ def _tag(name, inside, kind=''):
     return f'<{name}{kind}>{inside}</{name}>' if inside else ''
 
 
+_TAGS = {page.Heading: 'h1', page.Footer: 'footer', page.Code: 'code'}
+
+
+@drawn.register(page.Heading)
+@drawn.register(page.Footer)
+@drawn.register(page.Code)
+def _(part):
+    return _tag(_TAGS[type(part)], clean(part.text))
+
+
 # ------------------------------------------------------------------------------ in a line of text
 
 @drawn.register
@@ -136,11 +146,6 @@ def _(part: page.Size):
 def _of_rms(when=''):
     """What a refit in the page changes."""
     return f' data-rms="{when}"' if when else ''
-
-
-@drawn.register
-def _(part: page.Code):
-    return f'<code>{clean(part.text)}</code>'
 
 
 @drawn.register
@@ -170,18 +175,8 @@ def _(part: page.Correlation):
 # ------------------------------------------------------------------------------------------ texts
 
 @drawn.register
-def _(part: page.Heading):
-    return _tag('h1', clean(part.text))
-
-
-@drawn.register
 def _(part: page.Paragraph):
     return _tag('p', drawn(part.text), part.kind)
-
-
-@drawn.register
-def _(part: page.Footer):
-    return _tag('footer', clean(part.text))
 
 
 @drawn.register

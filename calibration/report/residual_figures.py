@@ -19,9 +19,9 @@ import numpy as np
 from pointing_model.effects.base import arcsec
 from pointing_model.rms import rms
 
+from . import page_parts as page
 from .drawing import Panel, SkyMap, limit_of, padded, svg, text, thin, ticks
 from .number_wording import group_name, number
-from .page_parts import Controls, Figure, FoldedSection, Legend, Pair, Paragraph, Size
 from .star_table import WHENS, stars_table
 
 #: arrows drawn on a map; rows up to which every plot has every row to point at, and up to which
@@ -47,7 +47,7 @@ def controls(data):
     if not len(data):
         return None
     several = data.groups is not None and len(np.unique(data.groups)) > 1
-    return Controls(data.group_word, tuple(_groups(data)) if several else ())
+    return page.Controls(data.group_word, tuple(_groups(data)) if several else ())
 
 
 def _groups(data):
@@ -104,12 +104,12 @@ def sky_maps(data):
         what, rms_of = f'{data.text_of(when).capitalize()}: ', data.radial(when)
         longer = f' {sky.shortened} of the arrows {"is" if sky.shortened == 1 else "are"} ' \
             'longer than drawn.' if sky.shortened else ''
-        out.append(Figure(
+        out.append(page.Figure(
             svg(400, 400, sky.parts, f'Map of the sky. {what}{arcsec(rms_of)} RMS{more}', 'link',
                 margins),
-            (what, Size(rms_of, when), f' RMS{more}.{longer}'), when))
+            (what, page.Size(rms_of, when), f' RMS{more}.{longer}'), when))
     some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
-    return [Pair(out), Paragraph(
+    return [page.Pair(out), page.Paragraph(
         f'Encoder − model; zenith at the centre, rim at {lowest:g}°.{some}', 'note')]
 
 
@@ -133,7 +133,7 @@ def targets(data):
                           data.text_of(when) + more, when, noise,
                           lambda panel, x=x, y=y, when=when, linked=not more: _marks(
                               panel, x, y, data, when, linked, (0, 1))))
-    return [Pair(out), marks_legend(data)]
+    return [page.Pair(out), marks_legend(data)]
 
 
 def target(axes, limit, x, y, what, when, noise=None, draw=None):
@@ -179,7 +179,8 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
     drawing = svg(400, 384, panel.parts, f'Target plot. {what}{arcsec(size)}{told}',
                   'link' if draw else '')
     # of what is linked a refit changes the RMS
-    return Figure(drawing, (what, Size(size, when if draw and len(x) else ''), told), when)
+    size = page.Size(size, when if draw and len(x) else '')
+    return page.Figure(drawing, (what, size, told), when)
 
 
 def _marks(panel, x, y, data, when, linked=True, axes=(None, None)):
@@ -200,10 +201,10 @@ def _marks(panel, x, y, data, when, linked=True, axes=(None, None)):
 def marks_legend(data):
     """What dots, squares and crosses are."""
     left = bool((data.known & ~data.used).any())
-    return Legend((('before', f'{data.before_text} (dots)'),
-                   ('after', f'{data.after_text} (squares)'),
-                   *[('noise', data.noise_text)] * (data.noise is not None),
-                   *[('cross', 'not used in the fit')] * left))
+    return page.Legend((('before', f'{data.before_text} (dots)'),
+                        ('after', f'{data.after_text} (squares)'),
+                        *[('noise', data.noise_text)] * (data.noise is not None),
+                        *[('cross', 'not used in the fit')] * left))
 
 
 def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
@@ -219,8 +220,8 @@ def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
                                f'v{panel.height}"/>')
         _marks(panel, x, values[axis], data, when, linked, (None, axis))
         parts += panel.parts
-    return Figure(svg(440, 324, parts, f'Residuals {data.text_of(when)} against {label}',
-                      'link' if linked else ''), texts, when)
+    return page.Figure(svg(440, 324, parts, f'Residuals {data.text_of(when)} against {label}',
+                           'link' if linked else ''), texts, when)
 
 
 def in_time(data):
@@ -234,7 +235,7 @@ def in_time(data):
         moved = np.flatnonzero(data.groups[order][1:] != data.groups[order][:-1])
         gaps = [0.5 * (x[order[i]] + x[order[i + 1]]) for i in moved] if len(moved) <= 40 else []
     text = f'Dashed: another {data.group_word} begins.' if gaps else ''
-    return Pair([_stacked(data, when, x, label, gaps=gaps, texts=text) for when in WHENS])
+    return page.Pair([_stacked(data, when, x, label, gaps=gaps, texts=text) for when in WHENS])
 
 
 def along_axes(data):
@@ -242,9 +243,9 @@ def along_axes(data):
     if not data.known.any():
         return None
     places = data.places or (np.mod(data.az, 2.0 * np.pi), data.el)
-    return Pair([_stacked(data, 'after', np.degrees(place), f'{word} [°]',
-                          len(data) <= MAX_LINKED)
-                 for place, word in zip(places, data.place_words)])
+    return page.Pair([_stacked(data, 'after', np.degrees(place), f'{word} [°]',
+                               len(data) <= MAX_LINKED)
+                      for place, word in zip(places, data.place_words)])
 
 
 def histograms(data):
@@ -257,11 +258,11 @@ def histograms(data):
         before, after = (data.of(when)[axis][data.used] for when in WHENS)
         limit, small = limit_of(before, after), limit_of(after)
         if magnify:
-            out.append(Pair([_histogram(before, before, limit, title, ('before',)),
-                             _histogram(after, after, small, title, ('after',))]))
+            out.append(page.Pair([_histogram(before, before, limit, title, ('before',)),
+                                  _histogram(after, after, small, title, ('after',))]))
         else:
             out.append(_histogram(before, after, limit, title, WHENS))
-    return [out if magnify else Pair(out), Legend()]
+    return [out if magnify else page.Pair(out), page.Legend()]
 
 
 def histogram(before, after, limit):
@@ -306,8 +307,8 @@ def _histogram(before, after, limit, title, whens):
                                  * np.exp(-0.5 * (u / sigma)**2), panel.y_range[1]),
                    'gauss when-after')
         caption += '; dotted: normal'
-    return Figure(svg(420, 262, panel.parts, f'Histogram. {caption}'), f'{caption}.',
-                  whens[0] if len(whens) == 1 else '')
+    return page.Figure(svg(420, 262, panel.parts, f'Histogram. {caption}'), f'{caption}.',
+                       whens[0] if len(whens) == 1 else '')
 
 
 def residual_sections(data):
@@ -320,4 +321,4 @@ def residual_sections(data):
     parts = (('Target', targets), ('Residuals in time', in_time),
              ('Residuals by axis', along_axes), ('Histograms', histograms),
              ('Stars', stars_table))
-    return [FoldedSection(title, make(data)) for title, make in parts]
+    return [page.FoldedSection(title, make(data)) for title, make in parts]

@@ -20,26 +20,11 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from ..analysis.season.season_analysis import date_of
+from . import page_parts as page
 from .cause_wording import counted
 from .drawing import Panel, padded, svg, text
 from .number_wording import number
 from .page_html import whole
-from .page_parts import (
-    Block,
-    Cards,
-    Figure,
-    Folded,
-    FoldedSection,
-    Footer,
-    Heading,
-    Legend,
-    Listed,
-    Number,
-    Paragraph,
-    Section,
-    Table,
-    Verdict,
-)
 from .provenance import provenance_section
 from .season_wording import cause_rows
 from .wording import worded
@@ -71,45 +56,45 @@ def render_season(result, files):
     rms = np.median([night['rms_arcsec'] for night in document['nights']])
     others = [i for i in range(len(season.names)) if i != largest]
     body = [
-        Heading('Season of a mount'),
-        Paragraph(f'{len(season.nights)} nights from {first} to {last}, terms '
-                  f'{", ".join(season.names)}', 'meta'),
-        Verdict(f'{headline[:1].upper()}{headline[1:]}', [
-            Cards([(f'{len(season.nights)}', 'nights'),
-                   (f'{len(causes)}', f'change{"s" * (len(causes) != 1)}'),
-                   (f'{rms:.2f}″', 'RMS of fit residuals, median night')]),
+        page.Heading('Season of a mount'),
+        page.Paragraph(f'{len(season.nights)} nights from {first} to {last}, terms '
+                       f'{", ".join(season.names)}', 'meta'),
+        page.Verdict(f'{headline[:1].upper()}{headline[1:]}', [
+            page.Cards([(f'{len(season.nights)}', 'nights'),
+                        (f'{len(causes)}', f'change{"s" * (len(causes) != 1)}'),
+                        (f'{rms:.2f}″', 'RMS of fit residuals, median night')]),
             _legend(bool(causes)), _figure(result, largest)], kind='' if causes else 'none'),
-        Section('Largest changes', [_causes(causes[:_MOST]), Folded(
+        page.Section('Largest changes', [_causes(causes[:_MOST]), page.Folded(
             f'And {len(causes) - _MOST} smaller', _causes(causes[_MOST:]))]),
-        Section(f'Predicted terms for {document["tonight"]["time"]}', _tonight(document)),
-        FoldedSection('Other terms', [_legend(bool(causes)), *(
+        page.Section(f'Predicted terms for {document["tonight"]["time"]}', _tonight(document)),
+        page.FoldedSection('Other terms', [_legend(bool(causes)), *(
             _figure(result, i) for i in others)]),
-        FoldedSection('Nights', _nights(document),
-                      'RMS: fit of that night. Off: the term farthest from its prediction.'),
-        FoldedSection('Notes', Listed(document['notes'])), provenance_section([], files),
-        Footer('Terms in arcsec, ± 1 σ.')]
+        page.FoldedSection('Nights', _nights(document),
+                           'RMS: fit of that night. Off: the term farthest from its prediction.'),
+        page.FoldedSection('Notes', page.Listed(document['notes'])), provenance_section([], files),
+        page.Footer('Terms in arcsec, ± 1 σ.')]
     return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')
 
 
 def _causes(rows):
-    return Table(('term', 'change', 'when, or with', 'likely cause', 'check first'), rows,
-                 'folding stack')
+    return page.Table(('term', 'change', 'when, or with', 'likely cause', 'check first'), rows,
+                      'folding stack')
 
 
 def _tonight(document):
     predicted, drift = document['tonight'], document['wander']
-    return Table(('term', 'predicted ″', 'σ ″', 'random walk, ″/√day',
-                  'scatter from night to night ″'),
-                 [(name, Number(predicted['terms_arcsec'][name], 1, True),
-                   Number(predicted['sigma_arcsec'][name], 1),
-                   Number(drift[name]['walk_arcsec_per_root_day'], 2),
-                   Number(drift[name]['night_arcsec'], 1)) for name in document['terms']],
-                 'numbers')
+    return page.Table(('term', 'predicted ″', 'σ ″', 'random walk, ″/√day',
+                       'scatter from night to night ″'),
+                      [(name, page.Number(predicted['terms_arcsec'][name], 1, True),
+                        page.Number(predicted['sigma_arcsec'][name], 1),
+                        page.Number(drift[name]['walk_arcsec_per_root_day'], 2),
+                        page.Number(drift[name]['night_arcsec'], 1)) for name in document['terms']],
+                      'numbers')
 
 
 def _legend(steps):
-    return Legend((('before', 'fit of the night ± 1 σ'), ('level', 'level, smoothed ± 2 σ'),
-                   ('fit', 'step, and prediction ± 1 σ' if steps else 'prediction ± 1 σ')))
+    return page.Legend((('before', 'fit of the night ± 1 σ'), ('level', 'level, smoothed ± 2 σ'),
+                        ('fit', 'step, and prediction ± 1 σ' if steps else 'prediction ± 1 σ')))
 
 
 def _figure(result, i):
@@ -152,7 +137,7 @@ def _figure(result, i):
     panel.parts.append(f'<path class="tonight" d="M{at:.1f} {a:.1f}V{c:.1f}M{at - 4:.1f} '
                        f'{b:.1f}h8"/>')
     label = f'{name} night by night: {number(predicted, 1)} ± {number(spread, 1)} arcsec predicted'
-    return Figure(Block(svg(_WIDTH, _HEIGHT, [
+    return page.Figure(page.Block(svg(_WIDTH, _HEIGHT, [
         *panel.parts, text(panel.left, 14, name, 'title', 'start')], label), 'scroll'))
 
 
@@ -162,7 +147,9 @@ def _nights(document):
         off = {k: v for k, v in night['off_foretold_sigmas'].items() if v is not None}
         worst = max(off, key=lambda name: abs(off[name])) if off else None
         rows.append((night['time'].replace('T', ' ')[:16], night['source'], night['rows'],
-                     Number(night['rms_arcsec']),
+                     page.Number(night['rms_arcsec']),
                      f'{worst} {number(off[worst], 1, True)} σ' if worst else None,
-                     *(Number(night['terms_arcsec'][name], 1, True) for name in document['terms'])))
-    return Table(('UTC', 'run', 'rows', 'RMS ″', 'off', *document['terms']), rows, 'nights numbers')
+                     *(page.Number(night['terms_arcsec'][name], 1, True)
+                       for name in document['terms'])))
+    return page.Table(('UTC', 'run', 'rows', 'RMS ″', 'off', *document['terms']), rows,
+                      'nights numbers')

@@ -18,17 +18,8 @@ from pathlib import PurePath
 
 import numpy as np
 
+from . import page_parts as page
 from .number_wording import value_and_error
-from .page_parts import (
-    Correlation,
-    Folded,
-    Number,
-    Numbered,
-    Paragraph,
-    Section,
-    Subsection,
-    Table,
-)
 
 #: terms up to which every correlation is drawn; of more the strong pairs are listed
 _DRAWN = 14
@@ -55,20 +46,20 @@ def terms_table(terms):
         without = t.get('alone')
         rows.append([
             t['name'], value, 'undetermined' if t.get('undetermined') else error,
-            Number(abs(t['value'] / t['sigma']) if t['sigma'] else None, 1),
+            page.Number(abs(t['value'] / t['sigma']) if t['sigma'] else None, 1),
             *[None if without is None else value_and_error(without, t['sigma'])[0]] * alone,
             *[t['unit']] * each])
-    return Table(['term', 'value' + ''.join(f', {unit}' for unit in units) * (not each), 'σ',
-                  '|value| / σ', *['without the effects'] * alone, *['unit'] * each],
-                 rows, 'numbers terms', 'Terms of the model')
+    return page.Table(['term', 'value' + ''.join(f', {unit}' for unit in units) * (not each), 'σ',
+                       '|value| / σ', *['without the effects'] * alone, *['unit'] * each],
+                      rows, 'numbers terms', 'Terms of the model')
 
 
 def run_terms_table(runs):
     """Terms that each run fitted for itself."""
     names = list(dict.fromkeys(name for terms in runs.values() for name in terms))
-    rows = [[PurePath(str(run)).name, *(Number(terms.get(name), 2, True) for name in names)]
+    rows = [[PurePath(str(run)).name, *(page.Number(terms.get(name), 2, True) for name in names)]
             for run, terms in runs.items()]
-    return Folded('Terms that each run fits for itself', Table(
+    return page.Folded('Terms that each run fits for itself', page.Table(
         ['run', *(f'{name} [arcsec]' for name in names)], rows, 'numbers'))
 
 
@@ -81,13 +72,14 @@ def correlation_table(names, matrix):
         pairs = sorted(((abs(matrix[i, j]), names[i], names[j], matrix[i, j])
                         for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7),
                        reverse=True)
-        rows = [[a, b, Number(value, 3, True)] for _, a, b, value in pairs[:20]]
-        return Subsection('Correlations', Table(['term', 'term', 'correlation'], rows, 'numbers')
-                          if rows else Paragraph('No correlation above 0.7.', 'note'))
-    rows = [[Numbered(i + 1, name),
-             *(Correlation(float(matrix[i, j]), i == j) for j in range(i + 1)),
+        rows = [[a, b, page.Number(value, 3, True)] for _, a, b, value in pairs[:20]]
+        return page.Subsection('Correlations', page.Table(
+            ['term', 'term', 'correlation'], rows, 'numbers')
+            if rows else page.Paragraph('No correlation above 0.7.', 'note'))
+    rows = [[page.Numbered(i + 1, name),
+             *(page.Correlation(float(matrix[i, j]), i == j) for j in range(i + 1)),
              *[''] * (len(names) - 1 - i)] for i, name in enumerate(names)]
-    return Subsection('Correlations', Table(
+    return page.Subsection('Correlations', page.Table(
         ['', *map(str, range(1, len(names) + 1))], rows, 'correlations',
         'Correlations of the terms'))
 
@@ -115,5 +107,5 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
         correlations = None
     else:
         names = names[:shape[0]]
-    return Section('Terms of the model', [terms_table(terms), more, Folded(
+    return page.Section('Terms of the model', [terms_table(terms), more, page.Folded(
         'Correlations', correlation_table(names, correlations))], note)

@@ -22,23 +22,10 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.pointing_terms import term_cause, terms_of
 
+from . import page_parts as page
 from .drawing import Panel, padded, svg
 from .error_table import ErrorLine, errors_section
 from .page_html import whole
-from .page_parts import (
-    Block,
-    Cards,
-    Figure,
-    FoldedSection,
-    Heading,
-    Legend,
-    Listed,
-    Pair,
-    Paragraph,
-    Section,
-    Table,
-    Verdict,
-)
 from .provenance import provenance_section
 from .wording import worded
 
@@ -68,25 +55,27 @@ def render_track(tracked, files):
     hours = (tracked.time - tracked.time[0]) / 3600.0
     seen = (tracked.smoothed.stamps * 1e-9 - tracked.time[0]) / 3600.0
     body = [
-        Heading('Adaptive model'),
-        Paragraph(f'{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on' + (
+        page.Heading('Adaptive model'),
+        page.Paragraph(f'{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on' + (
             f'; fixed model: the {tracked.fitted} stars before' if tracked.fitted else ''), 'meta'),
-        Verdict(f'Each star predicted: {missed["model of the evening"]:.2f}″ RMS by the fixed '
-                f'model, {missed["tracked"]:.2f}″ by the adaptive model', [
-                    Cards([(f'{missed[name]:.2f}″', text) for name, text in (
-                        ('model of the evening', 'fixed model, RMS'),
-                        ('tracked', 'adaptive model, RMS'),
-                        ('expected', 'adaptive model, expected by its σ'))]),
-                    Legend((('before', 'fixed model (dots)'),
-                            ('after', 'adaptive, predicted (squares)'), ('fit', 'expected, 1 σ'))),
-                    _misses(tracked, hours)]),
+        page.Verdict(
+            f'Each star predicted: {missed["model of the evening"]:.2f}″ RMS by the fixed '
+            f'model, {missed["tracked"]:.2f}″ by the adaptive model', [
+                page.Cards([(f'{missed[name]:.2f}″', text) for name, text in (
+                    ('model of the evening', 'fixed model, RMS'),
+                    ('tracked', 'adaptive model, RMS'),
+                    ('expected', 'adaptive model, expected by its σ'))]),
+                page.Legend((('before', 'fixed model (dots)'),
+                             ('after', 'adaptive, predicted (squares)'),
+                             ('fit', 'expected, 1 σ'))),
+                _misses(tracked, hours)]),
         _largest(tracked, missed, files),
-        Section('Events', Table(('UTC', 'star', 'what'), events)),
-        FoldedSection('Filter', [Listed(tracking_lines(summary)), innovations_figure(
+        page.Section('Events', page.Table(('UTC', 'star', 'what'), events)),
+        page.FoldedSection('Filter', [page.Listed(tracking_lines(summary)), innovations_figure(
             np.sum((tracked.live / tracked.sigma)**2, axis=1))]),
-        FoldedSection('Terms, smoothed', [_term(tracked, seen, i)
-                                          for i in range(len(tracked.smoothed.names))],
-                      'From all stars; ± 2 σ, arcsec.'),
+        page.FoldedSection('Terms, smoothed', [_term(tracked, seen, i)
+                                               for i in range(len(tracked.smoothed.names))],
+                           'From all stars; ± 2 σ, arcsec.'),
         provenance_section([], files)]
     return whole('Adaptive model', body, 'Tracking of a telescope mount')
 
@@ -111,7 +100,7 @@ def _largest(tracked, missed, files):
     advice = (f'The adaptive model is {"better" if better else "not clearly better"} ({size} RMS): '
               f'point with the {"adaptive" if better else "fixed"} model.').replace('-', '−')
     return errors_section(
-        sorted(lines, key=lambda one: -one.reach_arcsec), Listed([
+        sorted(lines, key=lambda one: -one.reach_arcsec), page.Listed([
             '' if lines else f'No term moved by more than {_CLEAR:g} σ.', advice,
             f'What causes the {adaptive if better else fixed:.2f}″ left: telescope-mount diagnose '
             + ' '.join(Path(path).name for path in files)]), title='Largest drifts')
@@ -131,7 +120,7 @@ def _misses(tracked, hours):
 
 
 def _wide(drawing):
-    return Figure(Block(drawing, 'scroll'))
+    return page.Figure(page.Block(drawing, 'scroll'))
 
 
 def innovations_figure(squares):
@@ -165,8 +154,9 @@ def innovations_figure(squares):
     mean, beyond = float(np.mean(nis)) / 2.0, float(np.mean(nis > chdtri(2, 0.05)))
     text = (f'{len(nis)} stars: mean {mean:.2f} of the expected, {100 * beyond:.0f} % beyond the '
             '95 % point')
-    return Pair([Figure(svg(450, 240, panel.parts, f'Normalised innovations squared. {text}'),
-                        f'{text}. Line: chi squared, two degrees of freedom.')])
+    return page.Pair([page.Figure(
+        svg(450, 240, panel.parts, f'Normalised innovations squared. {text}'),
+        f'{text}. Line: chi squared, two degrees of freedom.')])
 
 
 def _term(tracked, hours, i):

@@ -17,24 +17,10 @@
 
 import numpy as np
 
+from calibration.report import page_parts as page
 from calibration.report.drawing import Panel, limit_of, svg
 from calibration.report.error_table import ErrorLine, errors_section
 from calibration.report.page_html import whole
-from calibration.report.page_parts import (
-    Bars,
-    Cards,
-    Figure,
-    FoldedSection,
-    Heading,
-    Legend,
-    Listed,
-    Number,
-    Pair,
-    Paragraph,
-    Section,
-    Table,
-    Verdict,
-)
 from calibration.report.provenance import provenance_section
 from pointing_model.effects.base import arcsec
 
@@ -73,37 +59,38 @@ def render_encoder_test(report, files=()):
     reading, two = np.arange(1.0, 24.0), ('paper', 'template')
     marks = {name: (style, f'{name} ({_MARKS[style]})') for name, style in STYLES.items()}
     body = [
-        Heading('23-face test of the absolute encoder'),
-        Paragraph(
+        page.Heading('23-face test of the absolute encoder'),
+        page.Paragraph(
             f'{conditions["readings"]} readings in {conditions["turns"]} turns · '
             f'{conditions["bar_pitch_px"]:g} px a bar · noise '
             f'{conditions["noise_grey_levels"]:g} grey levels unless said · a simulated bench',
             'meta'),
-        Verdict(headline, [
-            Cards([(own, 'template, σ'), (paper, 'method of the paper, σ'),
-                   (PRINTED_STD['paper'], 'printed in the paper, σ (its own camera)')]),
-            Legend(tuple(marks[name] for name in two)),
+        page.Verdict(headline, [
+            page.Cards([(own, 'template, σ'), (paper, 'method of the paper, σ'),
+                        (PRINTED_STD['paper'], 'printed in the paper, σ (its own camera)')]),
+            page.Legend(tuple(marks[name] for name in two)),
             _curves('One turn', reading, curves['first_turn'], two)]),
         errors_section(_largest(methods)),
-        Section('Methods', _methods(report)),
-        FoldedSection('Notes', Listed(notes(report))),
-        FoldedSection('Standard deviations', Bars([(name.replace('_', ' '), [
+        page.Section('Methods', _methods(report)),
+        page.FoldedSection('Notes', page.Listed(notes(report))),
+        page.FoldedSection('Standard deviations', page.Bars([(name.replace('_', ' '), [
             (row['std_arcsec'], 'after' if name == 'template' else 'before', 'here'),
             (PRINTED_STD.get(name), 'floor', 'printed')]) for name, row in methods.items()])),
-        FoldedSection('Errors at the 23 angles', [Legend(tuple(marks.values())), Pair([
+        page.FoldedSection('Errors at the 23 angles', [
+            page.Legend(tuple(marks.values())), page.Pair([
             _curves(f'Noise of {loud["noise_grey_levels"]:g} grey levels (fig. 11)', reading,
                     curves['noise_of_the_paper']),
             _curves('Bars displaced at readings 5, 10 and 15 (fig. 12)', reading,
                     curves['damaged']),
             _curves('Through one bar, without noise', np.array(curves['one_bar_position']),
                     curves['one_bar'], label='place in the bar ″', marks=False)])]),
-        FoldedSection('One turn, reading by reading', Table(
+        page.FoldedSection('One turn, reading by reading', page.Table(
             ('reading', 'printed in table 2 ″', 'paper ″', 'template ″'),
-            [(i + 1, Number(table_2['errors_arcsec'][i]),
-              *(Number(curves['first_turn'][name][i]) for name in ('paper', 'template')))
+            [(i + 1, page.Number(table_2['errors_arcsec'][i]),
+              *(page.Number(curves['first_turn'][name][i]) for name in ('paper', 'template')))
              for i in range(23)], 'numbers sort')),
-        FoldedSection('What the other methods would need', _needed(report['needed']),
-                      'To be as bad as the paper found them, by one disturbance alone.'),
+        page.FoldedSection('What the other methods would need', _needed(report['needed']),
+                           'To be as bad as the paper found them, by one disturbance alone.'),
         provenance_section([('seed', str(conditions['seed'])), ('code', conditions['code']),
                             ('bench', f'table off by {conditions["table_error_arcsec"]:.2f}″ at '
                              f'most, blur {conditions["blur_px"]:g} px')], files)]
@@ -127,8 +114,8 @@ def _curves(title, x, curves, names=tuple(STYLES), label='reading', marks=True):
             panel.points(x[good], y[good], STYLES[name])
         if good.sum() > 1:
             deviations.append(f'{name} {np.std(y[good], ddof=1):.2f}')
-    return Figure(svg(446, 274, panel.parts, f'{title}. Standard deviation, arcsec: '
-                      + ', '.join(deviations)), f'{title}.')
+    return page.Figure(svg(446, 274, panel.parts, f'{title}. Standard deviation, arcsec: '
+                           + ', '.join(deviations)), f'{title}.')
 
 
 def _largest(methods):
@@ -143,17 +130,19 @@ def _largest(methods):
 
 def _methods(report):
     loud = report['noise_of_the_paper']['methods']
-    rows = [(name.replace('_', ' '), Number(row['std_arcsec']), Number(PRINTED_STD.get(name)),
-             Number(row['max_arcsec']), row['rejected'], row['gross'],
-             Number(report['damaged']['methods'][name]['rms_arcsec']),
-             Number(loud[name]['std_arcsec'])) for name, row in report['methods'].items()]
-    return Table(('method', 'σ ″', 'printed ″', 'largest of a turn, mean ″', 'rejected',
-                  'one bar off (not in σ)', 'damaged bars, RMS ″',
-                  'σ with the noise of the paper ″'), rows, 'numbers sort')
+    rows = [(name.replace('_', ' '), page.Number(row['std_arcsec']),
+             page.Number(PRINTED_STD.get(name)), page.Number(row['max_arcsec']), row['rejected'],
+             row['gross'],
+             page.Number(report['damaged']['methods'][name]['rms_arcsec']),
+             page.Number(loud[name]['std_arcsec'])) for name, row in report['methods'].items()]
+    return page.Table(('method', 'σ ″', 'printed ″', 'largest of a turn, mean ″', 'rejected',
+                       'one bar off (not in σ)', 'damaged bars, RMS ″',
+                       'σ with the noise of the paper ″'), rows, 'numbers sort')
 
 
 def _needed(rows):
-    return Table(('disturbance', 'method', 'level needed', 'unit', 'sine there ″',
-                  'R-square there'), [
-        (row['disturbance'].replace('_', ' '), row['rival'], Number(row['level'], 1), row['unit'],
-         Number(row['paper_arcsec'], 1), Number(row['r_square'])) for row in rows], 'numbers')
+    return page.Table(
+        ('disturbance', 'method', 'level needed', 'unit', 'sine there ″', 'R-square there'),
+        [(row['disturbance'].replace('_', ' '), row['rival'], page.Number(row['level'], 1),
+          row['unit'], page.Number(row['paper_arcsec'], 1), page.Number(row['r_square']))
+         for row in rows], 'numbers')
