@@ -121,7 +121,7 @@ def _agreement(run, axes):
         what = f'{axis}: incremental − absolute encoder at {int(good.sum())} exposures, about ' \
                f'the middle of each power-on; scatter {number(spread)} arcsec'
         out.append(page.Figure(svg(440, 202, panel.parts, what), f'{what[0].upper()}{what[1:]}.'))
-    return page.Subsection('The two encoders beside each other', page.Pair(out))
+    return page.Subsection('The two encoders beside each other', out and page.Pair(out))
 
 
 def _streams(rows):

@@ -231,11 +231,6 @@ def _(part: page.Block):
 
 
 @drawn.register
-def _(part: page.Pair):
-    return _tag('div', drawn(part.parts), 'pair')
-
-
-@drawn.register
 def _(part: page.Verdict):
     badge = f'<span class="badge">{clean(part.badge)}</span>' if part.badge else ''
     return _tag('section', f'{badge}<h2>{clean(part.headline)}</h2>{drawn(part.parts)}',

@@ -164,10 +164,10 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Pair:
+class Pair(Block):
     """Beside each other where the page is wide enough."""
 
-    parts: Any
+    kind: str = 'pair'
 
 
 @dataclass(frozen=True)
