@@ -19,25 +19,13 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.report import page_parts as page
 from calibration.report.diagnosis_summary import effect_line
-from calibration.report.drawing import clean, limit_of
+from calibration.report.drawing import limit_of
 from calibration.report.error_table import errors_section
-from calibration.report.page_parts import (
-    Markup,
-    body_of,
-    cards,
-    folded_section,
-    gains,
-    listed,
-    number,
-    pair,
-    section,
-    table,
-    verdict,
-    whole,
-)
+from calibration.report.page_html import body_of, whole
 from calibration.report.provenance import provenance_section, site_text
-from calibration.report.residual_figures import controls_alone, target
+from calibration.report.residual_figures import target
 from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC
@@ -86,24 +74,27 @@ def write_loop_page(folder, report, run):
         params = parameters_of(open_bag(folder / 'bag').metadata, '/star_observer') or {}
     hits = _targets(report, run)
     body = [
-        '<h1>The loop closed</h1>',
-        f'<p class="meta">{clean(what)} · verdict {clean(report["verdict"])} · mount '
-        f'{clean(run.mount.kind)} · {len(run)} observations</p>',
-        controls_alone(),
-        verdict(report['verdict'].replace('_', ' '), headline, [],
-                cards([(before, f'before: {label}'), (after, f'after: {label}'),
-                       (report['noise_floor_arcsec'], 'noise floor')]),
-                'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else '',
-                listed(alarms), hits and f'<p class="note">{_BLIND}</p>{hits}'),
-        errors_section(lines, title='Largest errors') or section(
-            'Largest errors', '<p>None found: the model is unchanged.</p>'),
-        folded_section('Effects added', table(
+        page.Heading('The loop closed'),
+        page.Paragraph(f'{what} · verdict {report["verdict"]} · mount {run.mount.kind} · '
+                       f'{len(run)} observations', 'meta'),
+        page.Controls(),
+        page.Verdict(headline, [
+            page.Cards([(before, f'before: {label}'), (after, f'after: {label}'),
+                        (report['noise_floor_arcsec'], 'noise floor')]),
+            hits and [page.Paragraph(_BLIND, 'note'), hits], page.Listed(alarms)],
+            report['verdict'].replace('_', ' '),
+            'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else ''),
+        errors_section(lines, None if lines else page.Paragraph(
+            'None found: the model is unchanged.')),
+        page.FoldedSection('Effects added', page.Table(
             ('effect', 'coefficient', 'arcsec', 'σ', 'p', 'ΔBIC'),
-            effect_rows(report['effects']), 'numbers')),
-        folded_section('Summary', listed(loop_sentences({**report, 'notes': [], 'alarms': []}))),
-        folded_section('RMS', gains(_bars(report), report['noise_floor_arcsec'], 'noise floor')),
-        folded_section('Diagnosis', body_of(diagnosis)),
-        folded_section('Notes', listed(
+            list(effect_rows(report['effects'])), 'numbers')),
+        page.FoldedSection('Summary', page.Listed(
+            loop_sentences({**report, 'notes': [], 'alarms': []}))),
+        page.FoldedSection('RMS', page.Bars(
+            _bars(report), report['noise_floor_arcsec'], 'noise floor')),
+        page.FoldedSection('Diagnosis', body_of(diagnosis)),
+        page.FoldedSection('Notes', page.Listed(
             [*report['notes'], 'Encoders and instruments: telescope-mount info bag --report '
              'night.html'])),
         provenance_section([
@@ -129,18 +120,18 @@ def _bars(report):
 def _targets(report, run):
     """Miss distances of the blind stars, before and after."""
     if 'check' not in run or 'miss_x' not in run or not report['blind_after']:
-        return ''
+        return None
     blind = (run['check'] == 1.0) & np.isfinite(run['miss_x']) & np.isfinite(run['miss_y'])
     blocks = np.unique(run['block'][blind]) if 'block' in run else ()
     if len(blocks) < 2:
-        return ''
+        return None
     hits = [np.array([run['miss_x'], run['miss_y']])[:, blind & (run['block'] == block)] / ARCSEC
             for block in (blocks[0], blocks[-1])]
     limit = limit_of(*hits)
     first, second = run.mount.names.axes
     axes = (f'{first} × cos {run.mount.names.letters[1]}', second)
-    return pair(target(axes, limit, *hit, f'{when}, seen by the camera', when)
-                for hit, when in zip(hits, ('before', 'after')))
+    return page.Pair([target(axes, limit, *hit, f'{when}, seen by the camera', when)
+                      for hit, when in zip(hits, ('before', 'after'))])
 
 
 def write_all_page(folder, report):
@@ -164,22 +155,22 @@ def write_all_page(folder, report):
             continue
         good += row['found'] in ('yes', 'followed', 'in the set', 'rightly none')
         before, after = (row['paired'][when]['rms_arcsec'] for when in ('before', 'after'))
-        name = clean(row['scenario'])
-        rows.append((Markup(f'<a href="{name}/page.html">{name}</a>'), row['verdict'],
-                     ', '.join(added(row)) or None, row['found'], number(before),
-                     number(after), number(row['noise_floor_arcsec'])))
+        name = row['scenario']
+        rows.append((page.Link(name, f'{name}/page.html'), row['verdict'],
+                     ', '.join(added(row)) or None, row['found'], page.Number(before),
+                     page.Number(after), page.Number(row['noise_floor_arcsec'])))
         bars.append((row['scenario'], [(before, 'before', 'before'), (after, 'after', 'after')]))
     total = len(report['scenarios'])
-    page = whole('The loop closed: all scenarios', [
-        '<h1>The loop closed</h1>',
-        f'<p class="meta">{total} scenarios, seed {report["seed"]}</p>',
-        verdict('', f'In {good} of {total} scenarios what was wrong was found, or rightly nothing',
-                [], '', '' if good == total else 'alarm'),
-        section('Each scenario', table(
+    text = whole('The loop closed: all scenarios', [
+        page.Heading('The loop closed'),
+        page.Paragraph(f'{total} scenarios, seed {report["seed"]}', 'meta'),
+        page.Verdict(f'In {good} of {total} scenarios what was wrong was found, or rightly nothing',
+                     kind='' if good == total else 'alarm'),
+        page.Section('Each scenario', page.Table(
             ('scenario', 'verdict', 'effects added', 'found', 'before ″', 'after ″', 'floor ″'),
-            rows, 'sort'), note='The same fresh stars with the model before and after, radial RMS '
+            rows, 'sort'), 'The same fresh stars with the model before and after, radial RMS '
             'on the sky, arcsec.'),
-        section('Before and after', gains(bars)),
+        page.Section('Before and after', page.Bars(bars)),
         provenance_section([('seed', str(report['seed']))], [folder / 'report.json'])],
         'Pointing models that were mended and tried')
-    write_text(folder / 'page.html', page)
+    write_text(folder / 'page.html', text)

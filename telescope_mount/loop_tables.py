@@ -16,7 +16,7 @@
 
 from textwrap import shorten
 
-from calibration.report.page_parts import number
+from calibration.report.number_wording import number
 from calibration.report.terminal_tables import decimals, new_table
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of

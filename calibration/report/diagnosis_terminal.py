@@ -18,6 +18,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from pointing_model.effects.base import driver_word
+from pointing_model.mount_kinds import kind_of
 
 from .error_table import MOST_ERRORS
 from .terminal_layers import height_of
@@ -96,7 +97,7 @@ def diagnosis_tables(view):
 
 def _errors(view):
     """The table of errors before and after."""
-    document, axes = view.document, view.residuals.mount.names.columns
+    document, axes = view.document, kind_of(view.document).columns
     head = [f'before: {axes[0]}', axes[1], 'radial', f'after: {axes[0]}', axes[1], 'radial']
     errors = new_table(f'RMS on the sky, arcsec, {document["observations"]} observations',
                        'rows', *head)
@@ -120,7 +121,7 @@ def _effects(view):
     """The table of effects."""
     out = new_table('Effects, by RMS removed on the sky', 'effect',
                     'on', 'driver', 'p', 'ΔBIC', 'RMS removed, arcsec', 'CV gain, arcsec')
-    columns = view.residuals.mount.names.columns
+    columns = kind_of(view.document).columns
     for one, effect in zip(view.effects, view.document['effects']):
         acts = dict(zip(('az', 'el'), columns)).get(effect['axes'], effect['axes'])
         out.add_row(one.title, acts,

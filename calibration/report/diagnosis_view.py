@@ -28,12 +28,14 @@ from pointing_model.runs.columns.run_table import AS_NAMED
 from . import figure_wording, observation_wording, row_wording
 from .cause_wording import open_causes, plain_name, short_cause, still_open
 from .diagnosis_summary import DiagnosisSummary, summary_of
+from .diagnosis_wording import limit_rows
 from .documents import diagnosis_document
 from .effect_wording import effect_summary, effect_title
-from .page_parts import value_and_error
+from .number_wording import value_and_error
 from .provenance import about, axes_note
 from .residual_axes import Driver, driver_of
-from .residual_figures import Residuals, turned
+from .residuals import Residuals, turned
+from .sky_grid import grid_of
 from .verdict_wording import (
     VERDICTS,
     Statement,
@@ -119,6 +121,8 @@ class DiagnosisView:
     serves : str
     no_star : dict of str to str
         Whom these do not serve.
+    limits : list of (str, str)
+        What these rows would have shown, and the least of it; none where an effect was found.
     untestable : list of (str, str)
         What this run cannot show, and why.
     run_terms : dict
@@ -159,6 +163,7 @@ class DiagnosisView:
     proposal_lines: list = ()
     serves: str = ''
     no_star: dict = field(default_factory=dict)
+    limits: list = ()
     untestable: list = ()
     run_terms: dict = field(default_factory=dict)
     correlated: list = ()
@@ -218,7 +223,7 @@ def view_of(diagnosis, document=None):
         proposal_lines=list(observation_wording.proposal_lines(document)),
         serves=observation_wording.serves_sentence(document),
         no_star=observation_wording.no_star_sentences(document),
-        untestable=diagnosis.untestable, run_terms=diagnosis.run_terms,
+        limits=limit_rows(document), untestable=diagnosis.untestable, run_terms=diagnosis.run_terms,
         correlated=_coefficients(names, diagnosis), correlations=matrix,
         about=about(obs, _sources(obs)), axes_note=axes_note(context),
         fits=_refits(diagnosis), lines=obs.lines,
@@ -289,7 +294,7 @@ def _axes_of(context):
     if mount.vertical and not is_beyond(context.el).any():
         return {}
     first, second = mount.names.axes
-    return {'mount': mount, 'axes': (f'{first} × cos {mount.names.letters[1]}', second),
+    return {'grid': grid_of(mount), 'axes': (f'{first} × cos {mount.names.letters[1]}', second),
             'turned': turned(context.tangent(), *context.on_horizon())}
 
 

@@ -15,6 +15,7 @@
 """Words for what a diagnosis notes beside its verdict: rows, sessions, what was dropped."""
 
 from pointing_model.effects.base import driver_word, readable, the
+from pointing_model.mount_kinds import kind_of
 
 _FIRST = 2  # effects that a first answer names
 
@@ -43,6 +44,17 @@ def limit_words(kind):
                 **{f'{key}_zero_with_{driver}': f'{word} zero that drifts'
                    for driver in ('time', 'run_hours', 'order')}}
     return out
+
+
+def limit_rows(document):
+    """Each error that the rows would have shown, and its detection limit: pairs of str."""
+    words = limit_words(kind_of(document))
+    return [(words[row['name']],
+             f'{row["amplitude_arcsec"]:.2f}{_UNITS.get(row["unit"], "″")}')
+            for row in document.get('detectable') or ()]
+
+
+_UNITS = {'arcsec/h': '″/h', 'arcsec/K': '″/K', 'arcsec/run': '″/run'}
 
 
 def _undecided(found):

@@ -18,7 +18,7 @@ from html import escape
 
 import numpy as np
 
-from pointing_model.mounts import ALTAZ
+from .page_parts import Markup
 
 #: points drawn at most in one panel; the figures beside them are of all rows
 MAX_POINTS = 3000
@@ -277,8 +277,8 @@ def svg(width, height, parts, label, kind='', margins=(0.0, 0.0, 0.0, 0.0)):
     kind = f' class="{kind}"' if kind else ''
     left, top, right, bottom = margins
     box = f'{0.0 - left:g} {0.0 - top:g} {width + left + right:g} {height + top + bottom:g}'
-    return (f'<svg{kind} viewBox="{box}" role="img" aria-label="{clean(label)}">'
-            f'{"".join(parts)}</svg>')
+    return Markup(f'<svg{kind} viewBox="{box}" role="img" aria-label="{clean(label)}">'
+                  f'{"".join(parts)}</svg>')
 
 
 def limit_of(*values):
@@ -306,10 +306,6 @@ def padded(values, part, least=0.0):
     return low - room, high + room
 
 
-#: angles of the second and of the first axis that are drawn, deg
-_EACH, _ROUND = np.arange(-60.0, 61.0, 30.0), np.arange(-150.0, 181.0, 30.0)
-
-
 class SkyMap:
     """The sky as a compass lies: zenith in the middle, north up, east to the right.
 
@@ -319,11 +315,11 @@ class SkyMap:
         Of the square drawing.
     lowest : float
         Elevation at the rim, degrees.
-    mount : pointing_model.mounts.Mount
-        Of which another than an alt-azimuth one has its own axes drawn in, in dashes.
+    grid : SkyGrid, optional
+        Axes of a mount, drawn in dashes.
     """
 
-    def __init__(self, size, lowest, mount=ALTAZ):
+    def __init__(self, size, lowest, grid=None):
         self.size, self.centre, self.radius = size, size / 2, size / 2 - 24
         self.lowest = lowest
         self.parts = []
@@ -341,33 +337,24 @@ class SkyMap:
                           f'{_n(c - r)}v{_n(2 * r)}"/>')
         for side, dx, dy in (('N', 0, -1), ('E', 1, 0), ('S', 0, 1), ('W', -1, 0)):
             self.parts.append(text(c + dx * (r + 12), c + dy * (r + 12), side, 'label', dy='.35em'))
-        if not mount.vertical:
-            self._axes_of(mount)
+        if grid is not None:
+            self._axes_of(grid)
 
-    def _axes_of(self, mount):
-        """Lines along which one axis of a mount stands still, each 30 deg; where its pole is."""
-        along, across = np.radians(np.arange(-180.0, 181.0, 3.0)), np.radians(_EACH)
-        lines = [mount.horizon_of(along, angle + 0.0 * along) for angle in across]
-        up = along[np.abs(along) <= 0.5 * np.pi]
-        lines += [mount.horizon_of(angle + 0.0 * up, up) for angle in np.radians(_ROUND)]
+    def _axes_of(self, grid):
+        """Lines along which one axis of a mount stands still; where its pole is."""
         d = ''
-        for az, el in lines:
+        for az, el in grid.lines:
             seen = np.degrees(el) >= self.lowest - 1e-6  # below the rim a line is broken
             for i, (x, y) in enumerate(zip(*self.place(az, el))):
                 if seen[i]:
                     d += f'{"L" if i and seen[i - 1] else "M"}{_n(x)} {_n(y)}'
         self.parts.append(f'<path class="grid axes" d="{d}"/>')
-        one, other = mount.names.letters
-        for first, second, label in (
-                *((0.0, angle, f'{other} {angle:g}°') for angle in _EACH), (0.0, 90.0, 'pole'),
-                (0.0, -90.0, 'pole'),
-                *((angle, 0.0, f'{one} {angle:g}°') for angle in _ROUND if angle)):
-            az, el = mount.horizon_of(*np.radians([first, second]))
+        for az, el, name in grid.names:
             x, y = self.place(az, el)
             # those of the elevation stand above the middle
             if np.degrees(el) >= self.lowest + 3.0 and np.hypot(x - self.centre - 12.0,
                                                                 y - self.centre) > 12.0:
-                self.parts.append(text(x - 3, y - 3, label, 'axes', anchor='end'))
+                self.parts.append(text(x - 3, y - 3, name, 'axes', anchor='end'))
 
     def place(self, az, el):
         """Drawing coordinates of directions, radians."""

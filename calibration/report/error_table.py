@@ -21,7 +21,8 @@ import numpy as np
 from pointing_model.effects.base import arcsec
 from pointing_model.pointing_terms import stacked_design, term_cause, terms_of
 
-from .page_parts import folded, section, table, value_and_error
+from . import page_parts as page
+from .number_wording import value_and_error
 
 #: errors in sight; a term below so many standard errors is none
 MOST_ERRORS, _CLEAR = 3, 3.0
@@ -71,12 +72,12 @@ class ErrorLine:
 
 
 def error_table(lines, first=0):
-    """The ranked table of some `ErrorLine`, from the one that is to come first, as HTML."""
+    """The ranked table of some `ErrorLine`, from the one that is to come first."""
     rows = list(enumerate(lines, 1))[first:]
     sizes = [(head, name) for head, name in (
         ('peak to peak', 'reach_arcsec'), ('RMS removed', 'removes_arcsec'))
         if any(getattr(one, name) is not None for one in lines)]
-    return table(
+    return page.Table(
         ('', 'error', *(head for head, _ in sizes), 'likely causes', 'check first'),
         [(str(i), one.name, *(_size(getattr(one, name)) for _, name in sizes),
           one.named_causes(1 + (i == 1 and len(lines) < MOST_ERRORS)), one.check or None)
@@ -84,12 +85,12 @@ def error_table(lines, first=0):
         'folding stack')
 
 
-def errors_section(lines, *more, title='Largest errors', note=''):
+def errors_section(lines, more=None, title='Largest errors', note=''):
     """The section of the largest errors: the first ones, the others folded, what comes after."""
-    return section(
-        title, error_table(lines[:MOST_ERRORS]), folded(
-            f'And {len(lines) - MOST_ERRORS} smaller', error_table(lines, MOST_ERRORS)),
-        *more, note=note)
+    return page.Section(title, [
+        error_table(lines[:MOST_ERRORS]),
+        page.Folded(f'And {len(lines) - MOST_ERRORS} smaller', error_table(lines, MOST_ERRORS)),
+        more], note)
 
 
 def term_lines(terms, run):
@@ -120,4 +121,4 @@ def term_lines(terms, run):
 
 
 def _size(value):
-    return None if value is None else arcsec(value)
+    return None if value is None else page.Size(value)

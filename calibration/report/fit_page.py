@@ -23,14 +23,16 @@ from calibration.report.row_wording import outlier_sentence
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
 
-from . import page_parts as html
+from . import page_parts as page
 from .alignment_wording import alignment_lines
 from .diagnosis_sections import exclusions
-from .drawing import clean
 from .error_table import errors_section, term_lines
+from .number_wording import group_name
+from .page_html import whole
 from .provenance import provenance_section, site_degrees, site_text
 from .refit_preview import preview
-from .residual_figures import controls, residual_sections, run_residuals, sky_maps
+from .residual_figures import controls, residual_sections, sky_maps
+from .residuals import run_residuals
 from .terms_section import terms_section
 from .wording import wording
 
@@ -60,21 +62,21 @@ def render_fit(found, document):
         f'{arcsec(before["rms_arcsec"])} raw')
     outliers = outlier_sentence(document) if document['outliers'] else ''
     terms = document['terms'] or ()
-    more = '' if not terms or 'within95_arcsec' not in terms[0] else (
-        html.paragraph(f'{document["degrees_of_freedom"]} degrees of freedom.', 'note'))
+    more = None if not terms or 'within95_arcsec' not in terms[0] else (
+        page.Paragraph(f'{document["degrees_of_freedom"]} degrees of freedom.', 'note'))
     body = [
-        '<h1>Fit of a pointing model</h1>',
-        f'<p class="meta">{document["rows_used"]} of {document["rows_read"]} rows used · '
-        f'{clean(Path(str(source)).name)} · terms {clean(", ".join(result.names))} · mount '
-        f'{clean(run.mount.kind)}</p>',
+        page.Heading('Fit of a pointing model'),
+        page.Paragraph(f'{document["rows_used"]} of {document["rows_read"]} rows used · '
+                       f'{Path(str(source)).name} · terms {", ".join(result.names)} · mount '
+                       f'{run.mount.kind}', 'meta'),
         controls(data),
-        html.verdict('', headline, [], html.cards(
-            [(before['rms_arcsec'], 'raw', 'before'),
-             (after['rms_arcsec'], 'fit residuals', 'after'),
-             (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves')]), '',
-            html.listed([outliers, *map(wording, [
-                *_patterns(found.findings), *result.findings(run)])]),
-            html.paragraph('RMS on the sky.', 'note') + sky_maps(data)),
+        page.Verdict(headline, [
+            page.Cards([(before['rms_arcsec'], 'raw', 'before'),
+                        (after['rms_arcsec'], 'fit residuals', 'after'),
+                        (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves')]),
+            page.Paragraph('RMS on the sky.', 'note'), sky_maps(data),
+            page.Listed([outliers, *map(wording, [
+                *_patterns(found.findings), *result.findings(run)])])]),
         errors_section(term_lines(document['terms'], run), note='' if last is None else (
             f'The model corrects these; each RMS is of one term alone. What causes the '
             f'{arcsec(last)} left: telescope-mount diagnose {Path(str(source)).name}')),
@@ -84,14 +86,14 @@ def render_fit(found, document):
         *residual_sections(data),
         _alignment(document['polar_axis']),
         _compared(document, names),
-        html.folded_section('Excluded rows', exclusions(document['excluded'], limit=40)),
-        html.folded_section('Notes', html.listed(document['notes'])),
+        page.FoldedSection('Excluded rows', exclusions(document['excluded'], limit=40)),
+        page.FoldedSection('Notes', page.Listed(document['notes'])),
         provenance_section([
             ('site', site_text(site_degrees(run.meta))), ('mount', run.mount.kind),
             ('encoder', {'enc': 'incremental', 'abs': 'absolute'}.get(encoder, encoder))],
             [source] if source else ()),
-        html.FOOTER, _preview(found, data, source)]
-    return html.whole(f'Fit: {headline}', body, 'Fit of a pointing model')
+        page.FOOTER, _preview(found, data, source)]
+    return whole(f'Fit: {headline}', body, 'Fit of a pointing model')
 
 
 def _patterns(findings):
@@ -114,7 +116,7 @@ def _residuals(found):
     row = 'row' if run.meta.get('lines') is None else 'line'
     return run_residuals(
         run, [f'{row} {line}' for line in run.lines] if stars is None else
-        list(map(html.group_name, stars)), before, after, result.weights > 0.0, words,
+        list(map(group_name, stars)), before, after, result.weights > 0.0, words,
         noise=tuple(float(v) / ARCSEC for v in result.scatter),
         before_text='raw', after_text='model, fit residuals')
 
@@ -123,16 +125,16 @@ def _preview(found, data, source):
     """What a refit without excluded rows needs; not of a model with harmonics or a prediction."""
     linear = found.terms.linear
     if linear is None or found.plain is not found.terms.model:
-        return ''
+        return None
     return preview(data, [('before', None, []), ('after', linear, list(linear.names))],
                    found.run.lines, 'fit', source)
 
 
 def _alignment(found):
     """What to turn, of an equatorial mount."""
-    return '' if not found else html.section(
-        'The way back to the bolts', html.listed(alignment_lines(found)),
-        note='From the exact azimuth and altitude of the axis, for a level base; after a turn '
+    return None if not found else page.Section(
+        'The way back to the bolts', page.Listed(alignment_lines(found)),
+        'From the exact azimuth and altitude of the axis, for a level base; after a turn '
         'measure again. The stars need their refraction, or the altitude is that of another pole.')
 
 
@@ -142,31 +144,32 @@ def _compared(document, names):
             ('the terms', 'fit residuals', *_rms(document['after']))]
     if document['after'].get('cv_rms_arcsec') is not None:
         rows.append(('the terms', 'cross-validated, 2 halves', *_rms(document['after'], 'cv_')))
-    predicted, more = document.get('predicted'), ''
+    predicted, more = document.get('predicted'), []
     if predicted:
         rows += [(name, judged, *_rms(predicted[key], 'cv_')) for judged, before, after in (
                      ('cross-validated in blocks of time', 'blocks_before', 'blocks'),
                      ('cross-validated, random folds', 'before', 'after'))
                  for name, key in (('the terms', before), ('to predict', after))]
         rows.append(('to predict', 'all rows', *_rms(predicted)))
-        more = ''.join(html.paragraph(f'{note}.') for note in predicted['notes'])
-        more += html.folded('Parts of the prediction', html.table(
-            ('part', 'coefficients', 'RMS on these stars ″'),
-            [(readable(row['name']), str(row['columns']), html.number(row['rms_arcsec'], 2))
-             for row in predicted['parts']], 'numbers'))
-        more += html.folded('Coefficients of the prediction', html.table(
-            ('coefficient', 'value ″', 'σ ″'),
-            [(readable(row['name']), html.number(row['value_arcsec'], 2, True),
-              html.number(row['sigma_arcsec'], 2)) for row in predicted['coefficients']
-             if row['value_arcsec']], 'numbers'))
+        more = [
+            [page.Paragraph(f'{note}.') for note in predicted['notes']],
+            page.Folded('Parts of the prediction', page.Table(
+                ('part', 'coefficients', 'RMS on these stars ″'),
+                [(readable(row['name']), str(row['columns']), page.Number(row['rms_arcsec'], 2))
+                 for row in predicted['parts']], 'numbers')),
+            page.Folded('Coefficients of the prediction', page.Table(
+                ('coefficient', 'value ″', 'σ ″'),
+                [(readable(row['name']), page.Number(row['value_arcsec'], 2, True),
+                  page.Number(row['sigma_arcsec'], 2)) for row in predicted['coefficients']
+                 if row['value_arcsec']], 'numbers'))]
     harmonics = document.get('harmonics')
     if harmonics:
         rows.append((harmonics['label'], 'fit residuals', *(
-            html.number(harmonics['fitted'].get(key)) for key in ('x', 'y', 'radial'))))
-    return html.folded_section('Models compared', html.table(
-        ('model', 'on', f'{names[0]} ″', f'{names[1]} ″', 'radial ″'), rows, 'numbers'), more,
-        note='RMS on the sky, arcsec.')
+            page.Number(harmonics['fitted'].get(key)) for key in ('x', 'y', 'radial'))))
+    return page.FoldedSection('Models compared', [page.Table(
+        ('model', 'on', f'{names[0]} ″', f'{names[1]} ″', 'radial ″'), rows, 'numbers'), more],
+        'RMS on the sky, arcsec.')
 
 
 def _rms(entry, before=''):
-    return [html.number(entry.get(f'{before}rms_{part}arcsec')) for part in ('x_', 'y_', '')]
+    return [page.Number(entry.get(f'{before}rms_{part}arcsec')) for part in ('x_', 'y_', '')]

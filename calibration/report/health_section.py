@@ -18,19 +18,10 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
+from . import page_parts as page
 from .drawing import Panel, limit_of, padded, svg
 from .night_document import BOTH, RAW, steps_of
-from .page_parts import (
-    Markup,
-    figure,
-    folded,
-    folded_section,
-    listed,
-    number,
-    pair,
-    subsection,
-    table,
-)
+from .number_wording import number
 
 #: nodes of which all that they say is shown
 _INSTRUMENTS = ('encoder', 'frame_reader', 'camera', 'inclinometer', 'mount')
@@ -52,16 +43,16 @@ def health_section(health, run=None, axes=AXES):
 
     Returns
     -------
-    str
-        HTML.
+    FoldedSection
     """
     health = health or {'streams': [], 'marks': [], 'sigmas_arcsec': {}, 'nodes': [],
                         'problems': [], 'whole': True}
-    return folded_section(
-        'Encoders and instruments', listed(_sentences(health)), _agreement(run, axes),
-        _streams(health['streams']), _marks(health['marks']), _decoding(health),
-        _nodes(health['nodes']), listed(health['problems']),
-        note=' '.join([
+    return page.FoldedSection(
+        'Encoders and instruments', [
+            page.Listed(_sentences(health)), _agreement(run, axes), _streams(health['streams']),
+            _marks(health['marks']), _decoding(health), _nodes(health['nodes']),
+            page.Listed(health['problems'])],
+        ' '.join([
             'From the log of the night.' if health['whole'] else 'The log is large: rates are '
             'of its index, single messages were not looked at.',
             *['The clock is a simulated one: where the mount rests, it leaps, which looks like a '
@@ -108,7 +99,7 @@ def _counted(nodes, word):
 def _agreement(run, axes):
     """Incremental - absolute encoder at every row, about the middle of its power-on."""
     if run is None or 'az_abs' not in run or not len(run):
-        return ''
+        return None
     x = (run['time'] - np.nanmin(run['time'])) / 3600.0 if 'time' in run \
         else np.arange(float(len(run)))
     numbers = run['run'] if 'run' in run else np.zeros(len(run))
@@ -129,43 +120,43 @@ def _agreement(run, axes):
         spread = 1.4826 * float(np.median(np.abs(difference[good])))
         what = f'{axis}: incremental − absolute encoder at {int(good.sum())} exposures, about ' \
                f'the middle of each power-on; scatter {number(spread)} arcsec'
-        out.append(figure(svg(440, 202, panel.parts, what), f'{what[0].upper()}{what[1:]}.'))
-    return subsection('The two encoders beside each other', pair(out) if out else '')
+        out.append(page.Figure(svg(440, 202, panel.parts, what), f'{what[0].upper()}{what[1:]}.'))
+    return page.Subsection('The two encoders beside each other', out and page.Pair(out))
 
 
 def _streams(rows):
-    return subsection('Rates and gaps', table(
+    return page.Subsection('Rates and gaps', page.Table(
         ('stream', 'messages', 'mean rate Hz', 'usual interval s', 'longest gap s', 'lost'),
-        [(row['what'], row['count'], number(row['rate_hz'], 3), number(row['interval_s'], 3),
-          number(row['longest_s'], 1), row['lost']) for row in rows], 'numbers',
-        'Messages of the instruments'))
+        [(row['what'], row['count'], page.Number(row['rate_hz'], 3),
+          page.Number(row['interval_s'], 3), page.Number(row['longest_s'], 1), row['lost'])
+         for row in rows], 'numbers', 'Messages of the instruments'))
 
 
 def _marks(rows):
-    return subsection('Reference marks', table(
+    return page.Subsection('Reference marks', page.Table(
         ('power-on', 'axis', 'homed', 'met from', 'passages', 'missed', 'worst error, counts',
          'supply V', 'temperature °C'),
         [(row['power_on'], row['axis'], 'yes' if row['homed'] else 'no', row['side'] or None,
           row['passages'], row['missed'], None if row['worst_error_counts'] is None
-          else f'{row["worst_error_counts"]:g}', number(row['supply'], 3),
-          number(row['temperature'], 1)) for row in rows], 'numbers', 'Reference marks'))
+          else f'{row["worst_error_counts"]:g}', page.Number(row['supply'], 3),
+          page.Number(row['temperature'], 1)) for row in rows], 'numbers', 'Reference marks'))
 
 
 def _decoding(health):
-    return subsection('Quality of the absolute readings', table(
+    return page.Subsection('Quality of the absolute readings', page.Table(
         ('axis', 'readings looked at', 'σ, middle ″', 'σ of 95 % below ″', 'largest σ ″',
          'without σ'),
-        [(axis, row['count'], *(number(row.get(key), 3) for key in (
+        [(axis, row['count'], *(page.Number(row.get(key), 3) for key in (
             'middle', 'beyond_95', 'largest')), row['none'])
          for axis, row in health['sigmas_arcsec'].items()],
         'numbers', 'Errors of the readings, by the absolute encoder'))
 
 
 def _nodes(nodes):
-    return folded('What each node said last', table(
+    return page.Folded('What each node said last', page.Table(
         ('node', 'at the end', 'worst', 'in words', 'what it counts'),
         [(node['name'], node['level'], node['worst'], node['message'],
-          Markup(listed(f'{key} {value}' for key, value in node['values'].items()))
+          page.Listed([f'{key} {value}' for key, value in node['values'].items()])
           if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
          for node in nodes], 'nodes', 'What each node said last'))
 
@@ -183,7 +174,7 @@ def headline_of(report):
     headline : str or None
         None where nothing was fitted.
     bars : list
-        As of `page_parts.gains`.
+        As of `page_parts.Bars`.
     numbers : list of (float, str)
     """
     first, zeroed, last = steps_of(report)
@@ -211,17 +202,17 @@ def models_section(report):
     rows = [(_name(step) + ' ← published' * (step is last and step['step'] != BOTH),
              *_rms(step['used']), *_rms(step['held_out']), step['held_out']['n'])
             for step in report.get('steps') or ()]
-    out = table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',
-                 'held out: first axis ″', 'second ″', 'radial ″', 'stars held out'), rows,
-                'numbers', 'Models compared')
+    out = page.Table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',
+                      'held out: first axis ″', 'second ″', 'radial ″', 'stars held out'), rows,
+                     'numbers', 'Models compared')
     checks = [(check['check'], *_rms(check), check['n'])
               for check in report.get('external_check') or ()]
-    out += subsection('External check', table(
+    checked = page.Subsection('External check', page.Table(
         ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
         'numbers', 'External check'))
-    return folded_section('Models compared', out, note='Half of the stars fit each model, the '
-                   'other half judges it. RMS on the sky, arcsec.')
+    return page.FoldedSection('Models compared', [out, checked], 'Half of the stars fit each '
+                              'model, the other half judges it. RMS on the sky, arcsec.')
 
 
 def _rms(values):
-    return [number(values[key]) for key in ('x', 'y', 'radial')]
+    return [page.Number(values[key]) for key in ('x', 'y', 'radial')]

@@ -35,24 +35,15 @@ from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.zero import NO_ZERO, Zeros, active_zeros, is_for_zero
 from pointing_model.zero_drift import Following
 
-from .drawing import clean
+from . import page_parts as page
 from .error_table import ErrorLine, errors_section, term_lines
 from .health_section import headline_of, health_section, models_section
 from .log_health import log_health
 from .night_document import steps_of
-from .page_parts import (
-    FOOTER,
-    body_of,
-    cards,
-    folded_section,
-    gains,
-    listed,
-    paragraph,
-    verdict,
-    whole,
-)
+from .page_html import body_of, whole
 from .provenance import provenance_section, site_text
-from .residual_figures import controls, residual_sections, run_residuals, sky_maps
+from .residual_figures import controls, residual_sections, sky_maps
+from .residuals import run_residuals
 from .terms_section import terms_section
 from .zero_figures import zeros_of, zeros_section
 
@@ -173,24 +164,24 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
     params = log.get('site') or {}
     begin, end = _span(data.time)
     body = [
-        f'<h1>Night{" of " * bool(when)}{when}</h1>', _meta(run, data, begin, end),
+        page.Heading(f'Night{" of " * bool(when)}{when}'), _meta(run, data, begin, end),
         controls(data), _verdict(report, data),
         _largest(report, run, files),
         terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
                       'σ from the fit. IA[2]: how far IA of power-on 2 is from that of the first.'),
-        folded_section('RMS', gains(headline_of(report)[1], *_noise(report))),
+        page.FoldedSection('RMS', page.Bars(headline_of(report)[1], *_noise(report))),
         *residual_sections(data),
         zeros_section(report, rows, names), health_section(log.get('health'), run, names),
         models_section(report), _tracking(report.get('tracking')),
         _diagnosis(diagnosis),
-        folded_section('Notes', listed(report.get('notes') or ())),
+        page.FoldedSection('Notes', page.Listed(report.get('notes') or ())),
         provenance_section([
             ('observed', f'{begin} to {end} UTC' if begin else ''),
             ('site', site_text(params)), ('mount', report.get('mount') or run.mount.kind),
             ('plan', params.get('plan')), ('written with', log.get('written_with')),
             ('seed of the stars held out', log.get('split_seed')),
             ('log', log.get('problem'))], files),
-        FOOTER]
+        page.FOOTER]
     return whole(f'Night {when}'.strip(), body, 'A night of a telescope mount')
 
 
@@ -208,7 +199,7 @@ def _meta(run, data, begin, end):
         text += f' in {runs} power-on{"s" * (runs > 1)}'
     if begin:
         text += f' · {begin} to {end} UTC'
-    return f'<p class="meta">{clean(text)}, mount {clean(run.mount.kind)}</p>'
+    return page.Paragraph(f'{text}, mount {run.mount.kind}', 'meta')
 
 
 def _verdict(report, data):
@@ -232,9 +223,9 @@ def _verdict(report, data):
         size = data.radial('after')
         headline = 'Nothing was fitted' if size is None else \
             f'Nothing was fitted; {size:.2f}″ RMS, {data.after_text}'
-    return verdict('alarm' if alarms else '', headline, [], cards(numbers),
-                   'alarm' if alarms else '', listed(lines),
-                   paragraph('RMS on the sky.', 'note') + sky_maps(data))
+    alarm = 'alarm' if alarms else ''
+    return page.Verdict(headline, [page.Cards(numbers), page.Paragraph('RMS on the sky.', 'note'),
+                                   sky_maps(data), page.Listed(lines)], alarm, alarm)
 
 
 def _largest(report, run, files):
@@ -264,18 +255,17 @@ def _noise(report):
 
 def _tracking(document):
     if not document:
-        return ''
-    return folded_section('Adaptive model', listed(tracking_lines(document)),
-                   innovations_figure(document['innovations'].get('squares') or ()),
-                   note='After the fit each star updated the model. The residuals above are of the '
-                   'last one.')
+        return None
+    return page.FoldedSection('Adaptive model', [
+        page.Listed(tracking_lines(document)),
+        innovations_figure(document['innovations'].get('squares') or ())],
+        'After the fit each star updated the model. The residuals above are of the last one.')
 
 
-def _diagnosis(page):
-    body = body_of(page)
-    return folded_section('Diagnosis', body or (
-        '<p>Not diagnosed. <code>telescope-mount diagnose bag --report diagnosis.html</code> '
-        'looks for what the model lacks.</p>'))
+def _diagnosis(text):
+    return page.FoldedSection('Diagnosis', body_of(text) or page.Paragraph([
+        'Not diagnosed. ', page.Code('telescope-mount diagnose bag --report diagnosis.html'),
+        ' looks for what the model lacks.']))
 
 
 # ------------------------------------------------------------------------------------------- rows

@@ -26,8 +26,7 @@ from msg_tools import version_of
 from msg_tools.units import DEG
 from pointing_model.runs.run import known_site
 
-from .drawing import clean
-from .page_parts import Markup, definitions, folded_section, table
+from . import page_parts as page
 
 #: a file larger than this is not summed up, bytes
 _LARGEST = 500_000_000
@@ -51,14 +50,13 @@ def provenance_section(rows, files=()):
 
     Returns
     -------
-    str
-        HTML.
+    FoldedSection
     """
     now = datetime.now(timezone.utc)
     facts = [('command', command_line()), ('version', f'telescope_mount {version_of()}'.strip()),
             ('written', f'{now:%Y-%m-%d %H:%M} UTC'), *rows]
-    return folded_section('Provenance', definitions(
-        [row for row in facts if row[1] not in ('', None)]), _files(files))
+    return page.FoldedSection('Provenance', [
+        page.Definitions([row for row in facts if row[1] not in ('', None)]), _files(files)])
 
 
 def _files(files):
@@ -70,8 +68,8 @@ def _files(files):
                 name = f'{path.name}/{one.name}' if path.is_dir() else one.name
                 size = one.stat().st_size
                 total = sum_of(one) if size <= _LARGEST else 'too large to sum up'
-                rows.append((name, f'{size}', Markup(f'<code>{clean(total)}</code>')))
-    return table(('file', 'bytes', 'SHA-256'), rows, '', 'Files and their sums')
+                rows.append((name, f'{size}', page.Code(total)))
+    return page.Table(('file', 'bytes', 'SHA-256'), rows, '', 'Files and their sums')
 
 
 def sum_of(path):

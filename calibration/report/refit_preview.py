@@ -14,7 +14,6 @@
 
 """What a page needs to refit its terms without rows that a reader excludes: numbers in base64."""
 
-import json
 from base64 import b64encode
 
 import numpy as np
@@ -22,7 +21,7 @@ import numpy as np
 from calibration.estimation.robust import LOSS
 from msg_tools.units import ARCSEC
 
-from .drawing import clean
+from .page_parts import RefitData
 from .provenance import command_line
 from .residual_figures import MAX_POINTED
 
@@ -33,7 +32,7 @@ _DISTANCES = 2049
 
 
 def preview(data, fits, rows, command, file=''):
-    """The data of the refit, in an element that nobody sees; '' where there is nothing to refit.
+    """The data of the refit; None where there is nothing to refit.
 
     Parameters
     ----------
@@ -50,22 +49,21 @@ def preview(data, fits, rows, command, file=''):
 
     Returns
     -------
-    str
-        HTML.
+    RefitData or None
     """
     if not len(data) or len(data) > MAX_POINTED or not any(fit for _, fit, _ in fits):
-        return ''
+        return None
     columns, models = [], []
     for when, fit, names in fits:
         models.append({'when': when, **_model(fit, names, data.of(when), columns)})
     angle, flip = _turns(data)
     # what a reader excludes is of the file: of a page of several files there is no such number
-    out = {'keys': ' '.join(data.keys), 'rows': [int(row) for row in rows],
-           'used': ''.join('01'[bool(used)] for used in data.used),
-           'angle': _scaled(angle, 2), 'flip': flip, 'models': models,
-           'columns': [[_scaled(half) for half in column] for column in columns],
-           'command': _excluding(command, file)}
-    return f'<div id="refit" hidden="hidden" data-refit="{clean(json.dumps(out))}"></div>'
+    return RefitData({
+        'keys': ' '.join(data.keys), 'rows': [int(row) for row in rows],
+        'used': ''.join('01'[bool(used)] for used in data.used),
+        'angle': _scaled(angle, 2), 'flip': flip, 'models': models,
+        'columns': [[_scaled(half) for half in column] for column in columns],
+        'command': _excluding(command, file)})
 
 
 def _model(fit, names, residual, columns):

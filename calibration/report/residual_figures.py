@@ -14,27 +14,14 @@
 
 """What the stars were missed by: maps, target, order of time, against the axes, table of stars."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import datetime, timezone
-
 import numpy as np
 
 from pointing_model.effects.base import arcsec
-from pointing_model.mounts import ALTAZ, Mount, is_beyond
 from pointing_model.rms import rms
 
-from .drawing import Panel, SkyMap, clean, limit_of, padded, svg, text, thin, ticks
-from .page_parts import (
-    Markup,
-    figure,
-    folded_section,
-    group_name,
-    legend,
-    number,
-    pair,
-    rms_text,
-)
+from . import page_parts as page
+from .drawing import Panel, SkyMap, limit_of, padded, svg, text, thin, ticks
+from .number_wording import group_name, number
 from .star_table import WHENS, stars_table
 
 #: arrows drawn on a map; rows up to which every plot has every row to point at, and up to which
@@ -46,175 +33,21 @@ _MAGNIFIED = 4.0
 _WITHIN = 1.0 - np.exp(-1.0)
 
 
-@dataclass
-class Residuals:
-    """Rows of a run, and what each was missed by, before and after.
-
-    Attributes
-    ----------
-    names : sequence of str
-        Of each row.
-    az, el : ndarray, shape (n,)
-        On the horizon, rad.
-    before, after : ndarray, shape (2, n)
-        x and y on the sky, arcsec; NaN where it is not known.
-    used : ndarray of bool, shape (n,)
-        What counts in the RMS; the others are drawn as crosses.
-    words : sequence of str
-        Of each row, what became of it, and why.
-    axes : tuple of str
-        What x and y are.
-    time : ndarray, shape (n,), optional
-        UTC, s; None or NaN: not known.
-    groups : ndarray, shape (n,), optional
-        To which power-on, night or run each row belongs.
-    group_word : str
-        Which of these.
-    noise : tuple of float, optional
-        1 sigma of x and y, arcsec.
-    before_text, after_text : str
-        What was applied.
-    turned : ndarray, shape (2, 2, n), optional
-        Components toward azimuth and elevation of x and y; None: the same.
-    places : tuple of ndarray, optional
-        Angles of the two axes, rad; by default azimuth and elevation.
-    place_words : tuple of str
-        What those are called.
-    utc : bool
-        Whether times are UTC, and not since an arbitrary start.
-    noise_text : str
-        What `noise` is called: more than noise where something else is in it.
-    mount : pointing_model.mounts.Mount
-        Of the axes.
-    """
-
-    names: Sequence
-    az: np.ndarray
-    el: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    used: np.ndarray
-    words: Sequence = ()
-    axes: tuple = ('azimuth × cos E', 'elevation')
-    time: np.ndarray | None = None
-    groups: np.ndarray | None = None
-    group_word: str = 'run'
-    noise: tuple | None = None
-    before_text: str = 'before'
-    after_text: str = 'after'
-    turned: np.ndarray | None = None
-    places: tuple | None = None
-    place_words: tuple = ('azimuth', 'elevation')
-    utc: bool = True
-    noise_text: str = 'noise of the fit'
-    mount: Mount = ALTAZ
-
-    def __post_init__(self):
-        self.known = np.isfinite(self.before).all(axis=0) & np.isfinite(self.after).all(axis=0)
-        self.used = np.asarray(self.used, bool) & self.known
-        if self.noise is not None and not np.hypot(*self.noise) > 0.0:
-            self.noise = None
-        if self.time is None or not np.isfinite(self.time).any():
-            self.time = None
-        if not len(self.words):
-            self.words = ['used' if used else 'left out' for used in self.used]
-        self.keys = _keys(self.time, len(self.used))
-
-    def __len__(self):
-        return len(self.used)
-
-    def of(self, when):
-        """`before` or `after`."""
-        return self.before if when == 'before' else self.after
-
-    def text_of(self, when):
-        """What was applied."""
-        return self.before_text if when == 'before' else self.after_text
-
-    def radial(self, when, rows=slice(None)):
-        """Radial RMS of what counts, arcsec; None of nothing."""
-        some = np.zeros(len(self), bool)
-        some[rows] = True
-        some &= self.used
-        return float(rms(*self.of(when)[:, some])) if some.any() else None
-
-    @property
-    def order(self):
-        """What the rows are drawn against in order: values, and what they are."""
-        if self.time is None:
-            return np.arange(1.0, len(self) + 1.0), 'row'
-        begin = float(np.nanmin(self.time))
-        hours = (self.time - begin) / 3600.0
-        when = (f'since {datetime.fromtimestamp(begin, timezone.utc):%Y-%m-%d %H:%M} UTC'
-                if self.utc else 'since the first row')
-        return (hours / 24.0, f'days {when}') if np.nanmax(hours) > 96.0 else (
-            hours, f'hours {when}')
-
-
-def run_residuals(run, names, before, after, used, words=(), **more):
-    """`Residuals` of a run.
+def controls(data):
+    """What is shown: a bar that stays in sight; none without rows.
 
     Parameters
     ----------
-    run : PointingRun
-    names, before, after, used, words, **more
-        As of `Residuals`.
+    data : Residuals
+
+    Returns
+    -------
+    Controls or None
     """
-    mount, places = run.mount, (run['az'], run['el'])
-    az, el = places
-    if len(run) and not (mount.vertical and not is_beyond(el).any()):
-        az, el = mount.horizon_of(*places)
-        more['turned'] = turned(mount.tangents(*places), az, el)
-    first, second = mount.names.axes
-    return Residuals(
-        names, az, el, before, after, used, words, time=run.columns.get('time'), mount=mount,
-        axes=(f'{first} × cos {mount.names.letters[1]}', second), place_words=(first, second),
-        places=None if mount.vertical else places, groups=run.columns.get('run'),
-        utc=run.meta.get('time_is_utc', True), **more)
-
-
-def turned(own, az, el):
-    """Components toward azimuth and elevation of `own` directions, shape (2, 2, n)."""
-    return np.array([[np.sum(one * toward, axis=0) for one in own]
-                     for toward in ALTAZ.tangents(az, el)])
-
-
-def _keys(time, n):
-    """A short name of each row, the same in all plots of a page."""
-    if time is not None and np.isfinite(time).all():
-        short = np.round(np.asarray(time) * 10.0).astype(np.int64) % 36**5
-        if len(np.unique(short)) == n:
-            return [np.base_repr(int(v), 36).lower() for v in short]
-    return [f'r{np.base_repr(i, 36).lower()}' for i in range(n)]
-
-
-def controls(data=None):
-    """What is shown: a bar that stays in sight.
-
-    Parameters
-    ----------
-    data : Residuals, optional
-        Without it, and without rows, there is none.
-    """
-    if data is None or not len(data):
-        return ''
-    groups = ''
-    if data.groups is not None and len(np.unique(data.groups)) > 1:
-        options = ''.join(f'<option value="{clean(name)}" data-say="{clean(summary)}">{clean(name)}'
-                          '</option>' for name, summary in _groups(data))
-        groups = (f'<label hidden="hidden">{clean(data.group_word)} <select id="group">'
-                  f'<option value="">all</option>{options}</select></label>')
-    return controls_alone(groups)
-
-
-def controls_alone(more=''):
-    """The bar of a page with other figures than those of `Residuals`."""
-    whens = ''.join(
-        f'<label><input type="radio" name="when" value="{value}"{checked}/> {value}</label>'
-        for value, checked in (('both', ' checked="checked"'), ('before', ''), ('after', '')))
-    return (f'<div class="controls"><fieldset><legend>Show</legend>{whens}</fieldset>{more}'
-            '<span class="foot"><output id="told" aria-live="polite"></output>'
-            '<span id="acts"></span></span></div>')
+    if not len(data):
+        return None
+    several = data.groups is not None and len(np.unique(data.groups)) > 1
+    return page.Controls(data.group_word, tuple(_groups(data)) if several else ())
 
 
 def _groups(data):
@@ -233,7 +66,7 @@ def sky_maps(data):
     """Residual vectors before and after on one scale; after once more, larger, if it is small."""
     used = data.used
     if not used.any():
-        return ''
+        return None
     lowest = min(max(0.0, 10.0 * np.floor(np.degrees(data.el[used].min()) / 10.0)), 60.0)
     drawn = np.flatnonzero(used)
     drawn = drawn[thin(len(drawn), MAX_ARROWS)]
@@ -254,7 +87,7 @@ def sky_maps(data):
         maps.append(('after', times * scale, f', drawn {times:g} times as large'))
     skies = []
     for when, size, _ in maps:
-        sky = SkyMap(400, lowest, data.mount)
+        sky = SkyMap(400, lowest, data.grid)
         x, y = data.of(when)[:, drawn]
         names = [f'{data.names[i]}: {number(a, 2, True)}″ {data.axes[0]}, {number(b, 2, True)}″ '
                  f'{data.axes[1]}' for i, a, b in zip(drawn, x, y)] if len(drawn) <= 150 else None
@@ -268,15 +101,16 @@ def sky_maps(data):
         left, low = 12 - margins[0], 388 + margins[3]
         sky.parts.append(f'<path class="{when} key" d="M{left:g} {low:g}h{unit * size:.1f}"/>'
                          + text(left, low - 6, f'{unit:g}″', anchor='start'))
-        what = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} RMS{more}'
+        what, rms_of = f'{data.text_of(when).capitalize()}: ', data.radial(when)
         longer = f' {sky.shortened} of the arrows {"is" if sky.shortened == 1 else "are"} ' \
             'longer than drawn.' if sky.shortened else ''
-        out.append(figure(
-            svg(400, 400, sky.parts, f'Map of the sky. {what}', 'link', margins),
-            _with_rms(f'{what}.{longer}', data.radial(when), when), when))
+        out.append(page.Figure(
+            svg(400, 400, sky.parts, f'Map of the sky. {what}{arcsec(rms_of)} RMS{more}', 'link',
+                margins),
+            (what, page.Size(rms_of, when), f' RMS{more}.{longer}'), when))
     some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
-    return pair(out) + ('<p class="note">Encoder − model; zenith at the centre, rim at '
-                        f'{lowest:g}°.{some}</p>')
+    return [page.Pair(out), page.Paragraph(
+        f'Encoder − model; zenith at the centre, rim at {lowest:g}°.{some}', 'note')]
 
 
 def targets(data):
@@ -284,7 +118,7 @@ def targets(data):
     scale; after once more, larger, if it is small.
     """
     if not data.used.any():
-        return ''
+        return None
     noise = float(np.hypot(*data.noise)) if data.noise is not None else None
     each = {when: max(limit_of(*data.of(when)[:, data.used]), 1.15 * (noise or 0.0))
             for when in WHENS}
@@ -299,7 +133,7 @@ def targets(data):
                           data.text_of(when) + more, when, noise,
                           lambda panel, x=x, y=y, when=when, linked=not more: _marks(
                               panel, x, y, data, when, linked, (0, 1))))
-    return pair(out) + marks_legend(data)
+    return [page.Pair(out), marks_legend(data)]
 
 
 def target(axes, limit, x, y, what, when, noise=None, draw=None):
@@ -324,33 +158,29 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
 
     Returns
     -------
-    str
-        A figure.
+    Figure
     """
     panel = Panel((52, 12, 330, 330), (-limit, limit), (-limit, limit))
     panel.axes(f'{axes[0]} [arcsec]', f'{axes[1]} [arcsec]')
     cx, cy = float(panel.x(0.0)), float(panel.y(0.0))
     panel.parts.append(f'<path class="zero" d="M{cx:.1f} {panel.top}v{panel.height}"/>')
     size = float(rms(x, y)) if len(x) else None
-    caption = f'{what[:1].upper()}{what[1:]}: {arcsec(size)} RMS, {len(x)} rows.'
+    what, told = f'{what[:1].upper()}{what[1:]}: ', f' RMS, {len(x)} rows.'
     if noise is not None and noise > 0.0:
         panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
                            f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
         inside = float(np.mean(np.hypot(x, y) <= noise))
-        caption += (f' {100 * inside:.0f} % within {arcsec(noise)}, dashed '
-                    f'(noise alone: {100 * _WITHIN:.0f} %).')
+        told += (f' {100 * inside:.0f} % within {arcsec(noise)}, dashed '
+                 f'(noise alone: {100 * _WITHIN:.0f} %).')
     if draw is None:
         panel.points(x, y, when)
     else:
         draw(panel)
-    return figure(svg(400, 384, panel.parts, f'Target plot. {caption}', 'link' if draw else ''),
-                  _with_rms(caption, size, when) if draw else caption, when)
-
-
-def _with_rms(caption, size, when):
-    """A caption in which a refit changes the RMS."""
-    return caption if size is None else Markup(
-        clean(caption).replace(arcsec(size), rms_text(size, when), 1))
+    drawing = svg(400, 384, panel.parts, f'Target plot. {what}{arcsec(size)}{told}',
+                  'link' if draw else '')
+    # of what is linked a refit changes the RMS
+    size = page.Size(size, when if draw and len(x) else '')
+    return page.Figure(drawing, (what, size, told), when)
 
 
 def _marks(panel, x, y, data, when, linked=True, axes=(None, None)):
@@ -371,9 +201,10 @@ def _marks(panel, x, y, data, when, linked=True, axes=(None, None)):
 def marks_legend(data):
     """What dots, squares and crosses are."""
     left = bool((data.known & ~data.used).any())
-    return legend(('before', f'{data.before_text} (dots)'), ('after', f'{data.after_text} '
-                  '(squares)'), *[('noise', data.noise_text)] * (data.noise is not None),
-                  *[('cross', 'not used in the fit')] * left)
+    return page.Legend((('before', f'{data.before_text} (dots)'),
+                        ('after', f'{data.after_text} (squares)'),
+                        *[('noise', data.noise_text)] * (data.noise is not None),
+                        *[('cross', 'not used in the fit')] * left))
 
 
 def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
@@ -389,14 +220,14 @@ def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
                                f'v{panel.height}"/>')
         _marks(panel, x, values[axis], data, when, linked, (None, axis))
         parts += panel.parts
-    return figure(svg(440, 324, parts, f'Residuals {data.text_of(when)} against {label}',
-                      'link' if linked else ''), texts, when)
+    return page.Figure(svg(440, 324, parts, f'Residuals {data.text_of(when)} against {label}',
+                           'link' if linked else ''), texts, when)
 
 
 def in_time(data):
     """Errors in the order of time, before and after."""
     if not data.known.any():
-        return ''
+        return None
     x, label = data.order
     gaps = []
     if data.groups is not None and data.time is not None:
@@ -404,34 +235,34 @@ def in_time(data):
         moved = np.flatnonzero(data.groups[order][1:] != data.groups[order][:-1])
         gaps = [0.5 * (x[order[i]] + x[order[i + 1]]) for i in moved] if len(moved) <= 40 else []
     text = f'Dashed: another {data.group_word} begins.' if gaps else ''
-    return pair([_stacked(data, when, x, label, gaps=gaps, texts=text) for when in WHENS])
+    return page.Pair([_stacked(data, when, x, label, gaps=gaps, texts=text) for when in WHENS])
 
 
 def along_axes(data):
     """What is left against the angle of each axis."""
     if not data.known.any():
-        return ''
+        return None
     places = data.places or (np.mod(data.az, 2.0 * np.pi), data.el)
-    return pair([_stacked(data, 'after', np.degrees(place), f'{word} [°]',
-                          len(data) <= MAX_LINKED)
-                 for place, word in zip(places, data.place_words)])
+    return page.Pair([_stacked(data, 'after', np.degrees(place), f'{word} [°]',
+                               len(data) <= MAX_LINKED)
+                      for place, word in zip(places, data.place_words)])
 
 
 def histograms(data):
     """Residuals of each axis before and after: same bins, unless one is much the smaller."""
     if not data.used.any():
-        return ''
+        return None
     out = []
     magnify = limit_of(data.before[:, data.used]) > _MAGNIFIED * limit_of(data.after[:, data.used])
     for axis, title in enumerate(data.axes):
         before, after = (data.of(when)[axis][data.used] for when in WHENS)
         limit, small = limit_of(before, after), limit_of(after)
         if magnify:
-            out.append(pair([_histogram(before, before, limit, title, ('before',)),
-                             _histogram(after, after, small, title, ('after',))]))
+            out.append(page.Pair([_histogram(before, before, limit, title, ('before',)),
+                                  _histogram(after, after, small, title, ('after',))]))
         else:
             out.append(_histogram(before, after, limit, title, WHENS))
-    return (''.join(out) if out[0].startswith('<div') else pair(out)) + legend()
+    return [out if magnify else page.Pair(out), page.Legend()]
 
 
 def histogram(before, after, limit):
@@ -476,12 +307,12 @@ def _histogram(before, after, limit, title, whens):
                                  * np.exp(-0.5 * (u / sigma)**2), panel.y_range[1]),
                    'gauss when-after')
         caption += '; dotted: normal'
-    return figure(svg(420, 262, panel.parts, f'Histogram. {caption}'), f'{caption}.',
-                  whens[0] if len(whens) == 1 else '')
+    return page.Figure(svg(420, 262, panel.parts, f'Histogram. {caption}'), f'{caption}.',
+                       whens[0] if len(whens) == 1 else '')
 
 
 def residual_sections(data):
-    """All of them but the map, folded, as list of HTML.
+    """All of them but the map, folded: a list of sections.
 
     Parameters
     ----------
@@ -490,4 +321,4 @@ def residual_sections(data):
     parts = (('Target', targets), ('Residuals in time', in_time),
              ('Residuals by axis', along_axes), ('Histograms', histograms),
              ('Stars', stars_table))
-    return [folded_section(title, make(data)) for title, make in parts]
+    return [page.FoldedSection(title, make(data)) for title, make in parts]

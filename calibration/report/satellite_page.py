@@ -20,23 +20,10 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
+from . import page_parts as page
 from .drawing import Panel, limit_of, svg
 from .error_table import errors_section, term_lines
-from .page_parts import (
-    Markup,
-    body_of,
-    cards,
-    figure,
-    folded_section,
-    legend,
-    listed,
-    number,
-    pair,
-    section,
-    table,
-    verdict,
-    whole,
-)
+from .page_html import body_of, whole
 from .provenance import provenance_section
 from .terminal_tables import new_table
 
@@ -98,40 +85,40 @@ def render_tracks(fit, document, diagnosis, files):
     """
     headline, clock = headline_of(document), document.get('clock')
     mount = fit.tracks.run.mount.names
-    first, *others = _curves(fit, document, mount) or ['']
-    marks = legend(('before', 'raw'), ('fit', 'without the zeros of the axes'),
-                   ('after', 'without terms, clock and orbits'))
+    first, *others = _curves(fit, document, mount) or [None]
+    marks = page.Legend((('before', 'raw'), ('fit', 'without the zeros of the axes'),
+                         ('after', 'without terms, clock and orbits')))
     body = [
-        '<h1>Tracks of satellites</h1>',
-        f'<p class="meta">{document["rows"]} rows, {len(document["arcs"])} arcs</p>',
-        verdict('', headline, [], cards((
-            (f'{document["before"]["radial_arcsec"]:.2f}″', 'raw, radial RMS'),
-            (f'{document["after"]["radial_arcsec"]:.2f}″', 'left by terms, clock and orbits'),
-            (None if clock is None else f'{1e3 * clock["late_s"]:+.1f} ± '
-             f'{1e3 * clock["sigma_s"]:.1f} ms', 'clock (positive: stamps are late)'))), '',
-            listed(document['notes']), first and marks + first),
+        page.Heading('Tracks of satellites'),
+        page.Paragraph(f'{document["rows"]} rows, {len(document["arcs"])} arcs', 'meta'),
+        page.Verdict(headline, [
+            page.Cards([(f'{document["before"]["radial_arcsec"]:.2f}″', 'raw, radial RMS'),
+                        (f'{document["after"]["radial_arcsec"]:.2f}″',
+                         'left by terms, clock and orbits'),
+                        (None if clock is None else f'{1e3 * clock["late_s"]:+.1f} ± '
+                         f'{1e3 * clock["sigma_s"]:.1f} ms', 'clock (positive: stamps are late)')]),
+            first and [marks, first], page.Listed(document['notes'])]),
         errors_section(term_lines(document['terms'], fit.tracks.run)),
-        section('Terms', table(('term', 'value ″', '± ″'), [
-            (term['name'], number(term['value_arcsec'], 2, True), number(term['sigma_arcsec']))
-            for term in document['terms']], 'numbers'),
-            note='Encoder − orbit; σ with correlated noise.'),
-        section('Satellites', table(
+        page.Section('Terms', page.Table(('term', 'value ″', '± ″'), [
+            (term['name'], page.Number(term['value_arcsec'], 2, True),
+             page.Number(term['sigma_arcsec'])) for term in document['terms']], 'numbers'),
+            'Encoder − orbit; σ with correlated noise.'),
+        page.Section('Satellites', page.Table(
             ('satellite', 'rows', 'arcs', 'orbit ± m', 'ahead ms', '± ms', 'separated'),
-            [(one['name'], f'{one["rows"]}', f'{one["arcs"]}', number(one['orbit_sigma_m']),
-              number(1e3 * one['ahead_s'], 2, True), number(1e3 * one['ahead_sigma_s']),
+            [(one['name'], f'{one["rows"]}', f'{one["arcs"]}', page.Number(one['orbit_sigma_m']),
+              page.Number(1e3 * one['ahead_s'], 2, True), page.Number(1e3 * one['ahead_sigma_s']),
               _separated(one)) for one in document['satellites']], 'numbers'),
-            note='Ahead: of its place by the orbit, along the track. Separated: from the zeros, '
+            'Ahead: of its place by the orbit, along the track. Separated: from the zeros, '
             'the clock and the other satellites; – where the orbit is precise.'),
-        folded_section('Errors along each arc', marks * bool(others), *others,
-            note=f'Encoder − orbit against the time: {mount.axes[0]} on the sky and '
+        page.FoldedSection('Errors along each arc', others and [marks, *others],
+            f'Encoder − orbit against the time: {mount.axes[0]} on the sky and '
             f'{mount.axes[1]}, raw and without the zeros. Then along and across the track, '
             'all removed.'),
-        folded_section('Arcs', table(
+        page.FoldedSection('Arcs', page.Table(
             ('object', 'UTC', 'min', 'elevation', f'raw {mount.axes[0]} ″',
              f'raw {mount.axes[1]} ″', 'left along ″', 'left across ″'),
-            [tuple(Markup(cell) if cell == '–' else cell for cell in _cells(arc))
-             for arc in document['arcs']])),
-        folded_section('Diagnosis', body_of(_diagnosis_page(diagnosis, files))),
+            [_cells(arc) for arc in document['arcs']])),
+        page.FoldedSection('Diagnosis', body_of(_diagnosis_page(diagnosis, files))),
         provenance_section([], files)]
     return whole(f'Tracks of satellites: {headline}', body, 'Tracks of satellites by a mount')
 
@@ -167,9 +154,9 @@ def _curves(fit, document, mount):
                       f'{title}: {mount.axes[i]}') for _, i in _AXES]
         left = [_panel(minutes, [(along[i, rows], 'after')], f'{title}: {word}')
                 for i, word in enumerate(('along the track', 'across'))]
-        out += [pair(raw), pair(left)]
+        out += [page.Pair(raw), page.Pair(left)]
     if len(arcs) > _MOST:
-        out.append(listed([f'{len(arcs) - _MOST} more arcs are in the table alone']))
+        out.append(page.Listed([f'{len(arcs) - _MOST} more arcs are in the table alone']))
     return out
 
 
@@ -179,4 +166,4 @@ def _panel(minutes, series, title):
     panel.axes('minutes', 'arcsec', title)
     for values, style in series:
         panel.points(minutes, values / ARCSEC, style)
-    return figure(svg(*_SIZE, panel.parts, title), '')
+    return page.Figure(svg(*_SIZE, panel.parts, title))

@@ -20,22 +20,11 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from ..analysis.season.season_analysis import date_of
+from . import page_parts as page
 from .cause_wording import counted
-from .drawing import Panel, clean, padded, svg, text
-from .page_parts import (
-    cards,
-    figure,
-    folded,
-    folded_section,
-    legend,
-    listed,
-    number,
-    scrolled,
-    section,
-    table,
-    verdict,
-    whole,
-)
+from .drawing import Panel, padded, svg, text
+from .number_wording import number
+from .page_html import whole
 from .provenance import provenance_section
 from .season_wording import cause_rows
 from .wording import worded
@@ -67,48 +56,48 @@ def render_season(result, files):
     rms = np.median([night['rms_arcsec'] for night in document['nights']])
     others = [i for i in range(len(season.names)) if i != largest]
     body = [
-        '<h1>Season of a mount</h1>',
-        f'<p class="meta">{len(season.nights)} nights from {first} to {last}, terms '
-        f'{clean(", ".join(season.names))}</p>',
-        verdict('', f'{headline[:1].upper()}{headline[1:]}', [], cards([
-            (f'{len(season.nights)}', 'nights'),
-            (f'{len(causes)}', f'change{"s" * (len(causes) != 1)}'),
-            (f'{rms:.2f}″', 'RMS of fit residuals, median night')]), '' if causes else 'none', '',
-            _legend(bool(causes)) + figure(scrolled(_panel(result, largest)), '')),
-        section('Largest changes', _causes(causes[:_MOST]), folded(
-            f'And {len(causes) - _MOST} smaller', _causes(causes[_MOST:]))),
-        section(f'Predicted terms for {document["tonight"]["time"]}', _tonight(document)),
-        folded_section('Other terms', _legend(bool(causes)), *(
-            figure(scrolled(_panel(result, i)), '') for i in others)),
-        folded_section('Nights', _nights(document),
-                       note='RMS: fit of that night. Off: the term farthest from its prediction.'),
-        folded_section('Notes', listed(document['notes'])), provenance_section([], files),
-        '<footer>Terms in arcsec, ± 1 σ.</footer>']
+        page.Heading('Season of a mount'),
+        page.Paragraph(f'{len(season.nights)} nights from {first} to {last}, terms '
+                       f'{", ".join(season.names)}', 'meta'),
+        page.Verdict(f'{headline[:1].upper()}{headline[1:]}', [
+            page.Cards([(f'{len(season.nights)}', 'nights'),
+                        (f'{len(causes)}', f'change{"s" * (len(causes) != 1)}'),
+                        (f'{rms:.2f}″', 'RMS of fit residuals, median night')]),
+            _legend(bool(causes)), _figure(result, largest)], kind='' if causes else 'none'),
+        page.Section('Largest changes', [_causes(causes[:_MOST]), page.Folded(
+            f'And {len(causes) - _MOST} smaller', _causes(causes[_MOST:]))]),
+        page.Section(f'Predicted terms for {document["tonight"]["time"]}', _tonight(document)),
+        page.FoldedSection('Other terms', [_legend(bool(causes)), *(
+            _figure(result, i) for i in others)]),
+        page.FoldedSection('Nights', _nights(document),
+                           'RMS: fit of that night. Off: the term farthest from its prediction.'),
+        page.FoldedSection('Notes', page.Listed(document['notes'])), provenance_section([], files),
+        page.Footer('Terms in arcsec, ± 1 σ.')]
     return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')
 
 
 def _causes(rows):
-    return table(('term', 'change', 'when, or with', 'likely cause', 'check first'), rows,
-                 'folding stack')
+    return page.Table(('term', 'change', 'when, or with', 'likely cause', 'check first'), rows,
+                      'folding stack')
 
 
 def _tonight(document):
     predicted, drift = document['tonight'], document['wander']
-    return table(('term', 'predicted ″', 'σ ″', 'random walk, ″/√day',
-                  'scatter from night to night ″'),
-                 [(name, number(predicted['terms_arcsec'][name], 1, True),
-                   number(predicted['sigma_arcsec'][name], 1),
-                   number(drift[name]['walk_arcsec_per_root_day'], 2),
-                   number(drift[name]['night_arcsec'], 1)) for name in document['terms']],
-                 'numbers')
+    return page.Table(('term', 'predicted ″', 'σ ″', 'random walk, ″/√day',
+                       'scatter from night to night ″'),
+                      [(name, page.Number(predicted['terms_arcsec'][name], 1, True),
+                        page.Number(predicted['sigma_arcsec'][name], 1),
+                        page.Number(drift[name]['walk_arcsec_per_root_day'], 2),
+                        page.Number(drift[name]['night_arcsec'], 1)) for name in document['terms']],
+                      'numbers')
 
 
 def _legend(steps):
-    return legend(('before', 'fit of the night ± 1 σ'), ('level', 'level, smoothed ± 2 σ'),
-                  ('fit', 'step, and prediction ± 1 σ' if steps else 'prediction ± 1 σ'))
+    return page.Legend((('before', 'fit of the night ± 1 σ'), ('level', 'level, smoothed ± 2 σ'),
+                        ('fit', 'step, and prediction ± 1 σ' if steps else 'prediction ± 1 σ')))
 
 
-def _panel(result, i):
+def _figure(result, i):
     season, seen = result.season, result.path
     name = season.names[i]
     time = np.array([night.time for night in season.nights])
@@ -123,11 +112,11 @@ def _panel(result, i):
     ends = np.concatenate([values, level - wide, level + wide, reach])
     panel = Panel((64, 22, _WIDTH - 84, _HEIGHT - 62), padded([years[0], tonight], 0.02, 0.02),
                   padded(ends, 0.06, 1.0))
-    whole = tonight - years[0] > 2.0
-    shown = (np.arange(np.ceil(years[0]), np.floor(tonight) + 1.0) if whole
+    years_alone = tonight - years[0] > 2.0
+    shown = (np.arange(np.ceil(years[0]), np.floor(tonight) + 1.0) if years_alone
              else np.linspace(years[0], tonight, 5))
-    panel.axes('1 January' if whole else 'date', f'{name}, arcsec', '', shown,
-               [f'{v:.0f}' if whole else date_of((v - 1970.0) * _YEAR) for v in shown])
+    panel.axes('1 January' if years_alone else 'date', f'{name}, arcsec', '', shown,
+               [f'{v:.0f}' if years_alone else date_of((v - 1970.0) * _YEAR) for v in shown])
     x = panel.x(years)
     panel.band(years, level - wide, level + wide)
     panel.line(years, level, 'level')
@@ -148,8 +137,8 @@ def _panel(result, i):
     panel.parts.append(f'<path class="tonight" d="M{at:.1f} {a:.1f}V{c:.1f}M{at - 4:.1f} '
                        f'{b:.1f}h8"/>')
     label = f'{name} night by night: {number(predicted, 1)} ± {number(spread, 1)} arcsec predicted'
-    return svg(_WIDTH, _HEIGHT, [*panel.parts, text(panel.left, 14, name, 'title', 'start')],
-               label)
+    return page.Figure(page.Block(svg(_WIDTH, _HEIGHT, [
+        *panel.parts, text(panel.left, 14, name, 'title', 'start')], label), 'scroll'))
 
 
 def _nights(document):
@@ -158,7 +147,9 @@ def _nights(document):
         off = {k: v for k, v in night['off_foretold_sigmas'].items() if v is not None}
         worst = max(off, key=lambda name: abs(off[name])) if off else None
         rows.append((night['time'].replace('T', ' ')[:16], night['source'], night['rows'],
-                     number(night['rms_arcsec']),
+                     page.Number(night['rms_arcsec']),
                      f'{worst} {number(off[worst], 1, True)} σ' if worst else None,
-                     *(number(night['terms_arcsec'][name], 1, True) for name in document['terms'])))
-    return table(('UTC', 'run', 'rows', 'RMS ″', 'off', *document['terms']), rows, 'nights numbers')
+                     *(page.Number(night['terms_arcsec'][name], 1, True)
+                       for name in document['terms'])))
+    return page.Table(('UTC', 'run', 'rows', 'RMS ″', 'off', *document['terms']), rows,
+                      'nights numbers')

@@ -18,8 +18,8 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from .drawing import clean
-from .page_parts import group_name, number
+from . import page_parts as page
+from .number_wording import group_name
 
 WHENS = ('before', 'after')
 #: rows of the table
@@ -30,7 +30,7 @@ _STAR = 'star'
 def stars_table(data):
     """Every row, the worst first; it sorts by any column, and its rows light up in the plots."""
     if not len(data.used):
-        return '<p>There is no row.</p>'
+        return page.Paragraph('There is no row.')
     size = np.hypot(*data.after)
     order = np.argsort(-np.where(np.isfinite(size), size, -1.0), kind='stable')[:MAX_TABLE]
     first, second = (word.split(' × ')[0] for word in data.axes)
@@ -39,36 +39,25 @@ def stars_table(data):
     head = [word, data.group_word if data.groups is not None else None,
             None if data.time is None else 'UTC' if data.utc else 'time s',
             f'{data.place_words[0]} °', f'{data.place_words[1]} °']
-    head = [word for word in head if word is not None]
-    when = [(f'{w} {name} ″', w) for w in WHENS for name in (first, second, 'radial')]
-    heads = ''.join(f'<th scope="col">{clean(word)}</th>' for word in head) + ''.join(
-        f'<th scope="col" class="when-{kind}"{sort}>{clean(word)}</th>'
-        for (word, kind), sort in zip(when, [''] * 5 + [' aria-sort="descending"'])) \
-        + '<th scope="col">what became of it</th>'
+    whens = [page.Column(f'{when} {name} ″', when, (when, name) == ('after', 'radial'))
+             for when in WHENS for name in (first, second, 'radial')]
     days = data.time is not None and np.nanmax(data.time) - np.nanmin(data.time) > 86400.0
     places = np.degrees(data.places or (np.mod(data.az, 2.0 * np.pi), data.el))
+    groups = [] if data.groups is None else [group_name(data.groups[i]) for i in order]
     rows = []
-    for i in order:
-        cells = [clean(names[i])]
-        if data.groups is not None:
-            cells.append(clean(group_name(data.groups[i])))
+    for k, i in enumerate(order):
+        cells = [names[i], *groups[k:k + 1]]
         if data.time is not None:
             cells.append(_clock(data.time[i], days, data.utc))
-        cells += [number(place[i], 1) for place in places]
-        tail = ''
-        for values in (data.before, data.after):
-            x, y = values[:, i]
-            tail += ''.join(f'<td>{number(v, 2, sign)}</td>'
-                            for v, sign in ((x, True), (y, True), (np.hypot(x, y), False)))
-        group = '' if data.groups is None else f' data-g="{cells[1]}"'
-        rows.append(f'<tr data-i="{data.keys[i]}"{group}>'
-                    + ''.join(f'<td>{cell}</td>' for cell in cells) + tail
-                    + f'<td>{clean(data.words[i])}</td></tr>')
-    some = f'<p class="note">The worst {len(order)} of {len(size)} rows.</p>' * (
-        len(order) < len(size))
-    return (f'{some}<div class="scroll tall"><table class="stars sort"><caption>Rows of the run, '
-            f'the worst first</caption><thead><tr>{heads}</tr></thead><tbody>{"".join(rows)}'
-            '</tbody></table></div>')
+        cells += [page.Number(place[i], 1) for place in places]
+        for x, y in (data.before[:, i], data.after[:, i]):
+            cells += [page.Number(x, 2, True), page.Number(y, 2, True), page.Number(np.hypot(x, y))]
+        rows.append([*cells, data.words[i]])
+    some = f'The worst {len(order)} of {len(size)} rows.' if len(order) < len(size) else ''
+    return [page.Paragraph(some, 'note'), page.Table(
+        [*(word for word in head if word is not None), *whens, 'what became of it'], rows,
+        'stars sort', 'Rows of the run, the worst first', [data.keys[i] for i in order], groups,
+        tall=True)]
 
 
 def _shared_word(names):

@@ -14,19 +14,12 @@
 
 """Terms of a model, their errors, and how they go together."""
 
+from pathlib import PurePath
+
 import numpy as np
 
-from .drawing import clean
-from .page_parts import (
-    Markup,
-    folded,
-    number,
-    paragraph,
-    section,
-    subsection,
-    table,
-    value_and_error,
-)
+from . import page_parts as page
+from .number_wording import value_and_error
 
 #: terms up to which every correlation is drawn; of more the strong pairs are listed
 _DRAWN = 14
@@ -42,52 +35,57 @@ def terms_table(terms):
 
     Returns
     -------
-    str
-        HTML.
+    Table
     """
     alone = any(t.get('alone') is not None for t in terms)
     units = {t['unit'] for t in terms}
     each = len(units) > 1  # else the unit is in the header
-    rows = [[t['name'], value_and_error(t['value'], t['sigma'])[0],
-             'undetermined' if t.get('undetermined')
-             else value_and_error(t['value'], t['sigma'])[1],
-             number(abs(t['value'] / t['sigma']), 1) if t['sigma'] else '–',
-             *([value_and_error(t['alone'], t['sigma'])[0] if t.get('alone') is not None else '–']
-               if alone else []), *[t['unit']] * each] for t in terms]
-    return table(['term', 'value' + ''.join(f', {unit}' for unit in units) * (not each), 'σ',
-                  '|value| / σ', *['without the effects'] * alone, *['unit'] * each],
-                 rows, 'numbers terms', 'Terms of the model')
+    rows = []
+    for t in terms:
+        value, error = value_and_error(t['value'], t['sigma'])
+        without = t.get('alone')
+        rows.append([
+            t['name'], value, 'undetermined' if t.get('undetermined') else error,
+            page.Number(abs(t['value'] / t['sigma']) if t['sigma'] else None, 1),
+            *[None if without is None else value_and_error(without, t['sigma'])[0]] * alone,
+            *[t['unit']] * each])
+    return page.Table(['term', 'value' + ''.join(f', {unit}' for unit in units) * (not each), 'σ',
+                       '|value| / σ', *['without the effects'] * alone, *['unit'] * each],
+                      rows, 'numbers terms', 'Terms of the model')
+
+
+def run_terms_table(runs):
+    """Terms that each run fitted for itself."""
+    names = list(dict.fromkeys(name for terms in runs.values() for name in terms))
+    rows = [[PurePath(str(run)).name, *(page.Number(terms.get(name), 2, True) for name in names)]
+            for run, terms in runs.items()]
+    return page.Folded('Terms that each run fits for itself', page.Table(
+        ['run', *(f'{name} [arcsec]' for name in names)], rows, 'numbers'))
 
 
 def correlation_table(names, matrix):
     """Correlations as coloured cells; of many terms only the strong pairs."""
     if matrix is None or len(names) < 2:
-        return ''
+        return None
     matrix = np.asarray(matrix, float)
     if len(names) > _DRAWN:
-        pairs = [(abs(matrix[i, j]), names[i], names[j], matrix[i, j])
-                 for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7]
-        rows = [[a, b, number(value, 3, True)] for _, a, b, value in sorted(pairs, reverse=True)]
-        return subsection('Correlations', table(
-            ['term', 'term', 'correlation'], rows[:20], 'numbers')
-            or paragraph('No correlation above 0.7.', 'note'))
-    rows = []
-    for i, name in enumerate(names):
-        cells = [Markup(f'<b>{i + 1}</b>\u2002{clean(name)}')]
-        for j in range(i + 1):
-            value = float(matrix[i, j])
-            strength = min(abs(value), 1.0) if i != j else 0.0
-            colour = '213,94,0' if value > 0 else '0,114,178'
-            cells.append(Markup(f'<span class="corr" style="background:rgba({colour},'
-                                f'{0.75 * strength**1.5:.2f})">{number(value)}</span>'))
-        rows.append(cells + [''] * (len(names) - 1 - i))
-    return subsection('Correlations', table(
+        pairs = sorted(((abs(matrix[i, j]), names[i], names[j], matrix[i, j])
+                        for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7),
+                       reverse=True)
+        rows = [[a, b, page.Number(value, 3, True)] for _, a, b, value in pairs[:20]]
+        return page.Subsection('Correlations', page.Table(
+            ['term', 'term', 'correlation'], rows, 'numbers')
+            if rows else page.Paragraph('No correlation above 0.7.', 'note'))
+    rows = [[page.Numbered(i + 1, name),
+             *(page.Correlation(float(matrix[i, j]), i == j) for j in range(i + 1)),
+             *[''] * (len(names) - 1 - i)] for i, name in enumerate(names)]
+    return page.Subsection('Correlations', page.Table(
         ['', *map(str, range(1, len(names) + 1))], rows, 'correlations',
         'Correlations of the terms'))
 
 
 def terms_section(rows, correlations=None, names=None, note='Encoder − catalogue, σ from the fit.',
-                  more=''):
+                  more=None):
     """The section of a fit's terms.
 
     Parameters
@@ -97,8 +95,8 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
     correlations : array_like, optional
         Of `names`, by default the names in `rows`, or of the first of them.
     note : str
-    more : str
-        HTML at the end.
+    more : part of a page
+        At the end of the table.
     """
     terms = [{'name': row['name'], 'value': row['value_arcsec'], 'sigma': row.get('sigma_arcsec'),
               'undetermined': row.get('undetermined', False), 'unit': 'arcsec'}
@@ -109,5 +107,5 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
         correlations = None
     else:
         names = names[:shape[0]]
-    return section('Terms of the model', terms_table(terms), more, folded(
-        'Correlations', correlation_table(names, correlations)), note=note)
+    return page.Section('Terms of the model', [terms_table(terms), more, page.Folded(
+        'Correlations', correlation_table(names, correlations))], note)

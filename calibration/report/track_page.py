@@ -22,21 +22,10 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.pointing_terms import term_cause, terms_of
 
+from . import page_parts as page
 from .drawing import Panel, padded, svg
 from .error_table import ErrorLine, errors_section
-from .page_parts import (
-    cards,
-    figure,
-    folded_section,
-    legend,
-    listed,
-    pair,
-    scrolled,
-    section,
-    table,
-    verdict,
-    whole,
-)
+from .page_html import whole
 from .provenance import provenance_section
 from .wording import worded
 
@@ -66,24 +55,27 @@ def render_track(tracked, files):
     hours = (tracked.time - tracked.time[0]) / 3600.0
     seen = (tracked.smoothed.stamps * 1e-9 - tracked.time[0]) / 3600.0
     body = [
-        '<h1>Adaptive model</h1>',
-        f'<p class="meta">{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on'
-        + (f'; fixed model: the {tracked.fitted} stars before' if tracked.fitted else '') + '</p>',
-        verdict('', f'Each star predicted: {missed["model of the evening"]:.2f}″ RMS by the fixed '
-                f'model, {missed["tracked"]:.2f}″ by the adaptive model', [], cards(
-                    (f'{missed[name]:.2f}″', text) for name, text in (
-                        ('model of the evening', 'fixed model, RMS'),
-                        ('tracked', 'adaptive model, RMS'),
-                        ('expected', 'adaptive model, expected by its σ'))), '', '', legend(
-            ('before', 'fixed model (dots)'), ('after', 'adaptive, predicted (squares)'),
-            ('fit', 'expected, 1 σ')) + figure(scrolled(_misses(tracked, hours)), '')),
+        page.Heading('Adaptive model'),
+        page.Paragraph(f'{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on' + (
+            f'; fixed model: the {tracked.fitted} stars before' if tracked.fitted else ''), 'meta'),
+        page.Verdict(
+            f'Each star predicted: {missed["model of the evening"]:.2f}″ RMS by the fixed '
+            f'model, {missed["tracked"]:.2f}″ by the adaptive model', [
+                page.Cards([(f'{missed[name]:.2f}″', text) for name, text in (
+                    ('model of the evening', 'fixed model, RMS'),
+                    ('tracked', 'adaptive model, RMS'),
+                    ('expected', 'adaptive model, expected by its σ'))]),
+                page.Legend((('before', 'fixed model (dots)'),
+                             ('after', 'adaptive, predicted (squares)'),
+                             ('fit', 'expected, 1 σ'))),
+                _misses(tracked, hours)]),
         _largest(tracked, missed, files),
-        section('Events', table(('UTC', 'star', 'what'), events)),
-        folded_section('Filter', listed(tracking_lines(summary)), innovations_figure(
-            np.sum((tracked.live / tracked.sigma)**2, axis=1))),
-        folded_section('Terms, smoothed', *(figure(scrolled(_term(tracked, seen, i)), '')
-                                            for i in range(len(tracked.smoothed.names))),
-                       note='From all stars; ± 2 σ, arcsec.'),
+        page.Section('Events', page.Table(('UTC', 'star', 'what'), events)),
+        page.FoldedSection('Filter', [page.Listed(tracking_lines(summary)), innovations_figure(
+            np.sum((tracked.live / tracked.sigma)**2, axis=1))]),
+        page.FoldedSection('Terms, smoothed', [_term(tracked, seen, i)
+                                               for i in range(len(tracked.smoothed.names))],
+                           'From all stars; ± 2 σ, arcsec.'),
         provenance_section([], files)]
     return whole('Adaptive model', body, 'Tracking of a telescope mount')
 
@@ -108,7 +100,7 @@ def _largest(tracked, missed, files):
     advice = (f'The adaptive model is {"better" if better else "not clearly better"} ({size} RMS): '
               f'point with the {"adaptive" if better else "fixed"} model.').replace('-', '−')
     return errors_section(
-        sorted(lines, key=lambda one: -one.reach_arcsec), listed([
+        sorted(lines, key=lambda one: -one.reach_arcsec), page.Listed([
             '' if lines else f'No term moved by more than {_CLEAR:g} σ.', advice,
             f'What causes the {adaptive if better else fixed:.2f}″ left: telescope-mount diagnose '
             + ' '.join(Path(path).name for path in files)]), title='Largest drifts')
@@ -124,7 +116,11 @@ def _misses(tracked, hours):
     panel.points(hours, before, 'before')
     panel.points(hours, after, 'after')
     panel.line(hours, np.minimum(expected, top), 'expected')
-    return svg(_WIDTH, 290, panel.parts, 'radial error of each star in time')
+    return _wide(svg(_WIDTH, 290, panel.parts, 'radial error of each star in time'))
+
+
+def _wide(drawing):
+    return page.Figure(page.Block(drawing, 'scroll'))
 
 
 def innovations_figure(squares):
@@ -137,14 +133,13 @@ def innovations_figure(squares):
 
     Returns
     -------
-    str
-        HTML; '' of none.
+    Pair or None
     """
     from scipy.special import chdtr, chdtri  # a quarter of a second, for tracked nights alone
 
     nis = np.asarray(squares, float)
     if not nis.size:
-        return ''
+        return None
     edges = np.linspace(0.0, 12.0, 25)
     counts = np.histogram(np.minimum(nis, 11.99), edges)[0]
     wanted = len(nis) * np.diff(chdtr(2, edges))
@@ -159,8 +154,9 @@ def innovations_figure(squares):
     mean, beyond = float(np.mean(nis)) / 2.0, float(np.mean(nis > chdtri(2, 0.05)))
     text = (f'{len(nis)} stars: mean {mean:.2f} of the expected, {100 * beyond:.0f} % beyond the '
             '95 % point')
-    return pair([figure(svg(450, 240, panel.parts, f'Normalised innovations squared. {text}'),
-                        f'{text}. Line: chi squared, two degrees of freedom.')])
+    return page.Pair([page.Figure(
+        svg(450, 240, panel.parts, f'Normalised innovations squared. {text}'),
+        f'{text}. Line: chi squared, two degrees of freedom.')])
 
 
 def _term(tracked, hours, i):
@@ -171,7 +167,7 @@ def _term(tracked, hours, i):
     panel.axes('hours', '', back.names[i])
     panel.band(hours, value - wide, value + wide)
     panel.line(hours, value, 'level')
-    return svg(_WIDTH, 180, panel.parts, f'{back.names[i]}, smoothed')
+    return _wide(svg(_WIDTH, 180, panel.parts, f'{back.names[i]}, smoothed'))
 
 
 def tracking_lines(document):

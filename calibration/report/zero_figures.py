@@ -20,8 +20,9 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
+from . import page_parts as page
 from .drawing import Panel, padded, svg
-from .page_parts import figure, folded_section, legend, listed, number, pair, table
+from .number_wording import number
 
 AXES = ('az', 'el')
 #: power-ons from which on the zero is drawn against the temperature, and degrees that it changes by
@@ -103,22 +104,25 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
     alarms = [f'Alarm: {text}' for text in cross_check.get('alarms', ())]
     if not any(row[axis][key] is not None for row in rows for axis in AXES
                for key in ('measured', 'in_force')):
-        return folded_section('Zero by power-on', '<p>No zero was set.</p>',
-                       listed([*alarms, *cross_check.get('notes', ())]))
+        return page.FoldedSection('Zero by power-on', [
+            page.Paragraph('No zero was set.'),
+            page.Listed([*alarms, *cross_check.get('notes', ())])])
     lines = alarms or ['The cross-check of the encoders raises no alarm.']
     statements = [zero['statement'] for zero in (
         report.get('changes') or report.get('zeros') or [])[-1:] if zero.get('statement')]
-    marks = legend(('before', 'by the exposures for it, ± 1 σ'), ('after', 'by all rows, active'),
-                   ('third', 'incremental − absolute encoder'))
-    drawn = pair(_against(rows, i, [row['run'] for row in rows], 'power-on', axes)
-                 for i in range(2)) if len(rows) > 1 else ''
+    marks = page.Legend((('before', 'by the exposures for it, ± 1 σ'),
+                         ('after', 'by all rows, active'),
+                         ('third', 'incremental − absolute encoder')))
+    drawn = [page.Pair([_against(rows, i, [row['run'] for row in rows], 'power-on', axes)
+                        for i in range(2)])] if len(rows) > 1 else []
     warm = [row['encoder'] if row['encoder'] is not None else row['air'] for row in rows]
     if len(rows) >= _FEWEST and None not in warm and np.ptp(warm) > _LEAST_SPREAD:
-        drawn += pair(_against(rows, i, warm, 'temperature [°C]', axes) for i in range(2))
-    return folded_section('Zero by power-on', listed([*lines, *cross_check.get('notes', ())]),
-                   drawn and marks + drawn, _table(rows, axes), listed(statements),
-                   note='Of the incremental encoder, arcsec; drawn against the first power-on.'
-                   if drawn else '')
+        drawn.append(page.Pair([_against(rows, i, warm, 'temperature [°C]', axes)
+                                for i in range(2)]))
+    return page.FoldedSection('Zero by power-on', [
+        page.Listed([*lines, *cross_check.get('notes', ())]), drawn and [marks, *drawn],
+        _table(rows, axes), page.Listed(statements)],
+        'Of the incremental encoder, arcsec; drawn against the first power-on.' if drawn else '')
 
 
 def _table(rows, axes):
@@ -138,8 +142,8 @@ def _table(rows, axes):
                       number(row['supply'], 3)])
     kept = [i for i in range(len(head)) if i < 3 or any(cell[i] not in (None, '–')
                                                         for cell in cells)]
-    return table([head[i] for i in kept], [[cell[i] for i in kept] for cell in cells],
-                 'numbers keep', 'Zero of each power-on')
+    return page.Table([head[i] for i in kept], [[cell[i] for i in kept] for cell in cells],
+                      'numbers keep', 'Zero of each power-on')
 
 
 def _against(rows, i, values, label, axes):
@@ -162,4 +166,4 @@ def _against(rows, i, values, label, axes):
         moved = x + (k - 1) * 0.012 * max(float(np.ptp(x)), 1e-3)
         panel.bars(moved, y, sigma if style == 'before' else np.zeros(len(x)), style)
         panel.points(moved, y, style + ' big')
-    return figure(svg(440, 254, panel.parts, f'Zero of the {axes[i]} against {label}'), '')
+    return page.Figure(svg(440, 254, panel.parts, f'Zero of the {axes[i]} against {label}'))

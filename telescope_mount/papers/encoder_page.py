@@ -17,22 +17,10 @@
 
 import numpy as np
 
+from calibration.report import page_parts as page
 from calibration.report.drawing import Panel, limit_of, svg
 from calibration.report.error_table import ErrorLine, errors_section
-from calibration.report.page_parts import (
-    cards,
-    figure,
-    folded_section,
-    gains,
-    legend,
-    listed,
-    number,
-    pair,
-    section,
-    table,
-    verdict,
-    whole,
-)
+from calibration.report.page_html import whole
 from calibration.report.provenance import provenance_section
 from pointing_model.effects.base import arcsec
 
@@ -69,37 +57,40 @@ def render_encoder_test(report, files=()):
     headline = (f'σ {arcsec(own)} by the template, {arcsec(paper)} by the phase fit of the paper, '
                 'on the same images')
     reading, two = np.arange(1.0, 24.0), ('paper', 'template')
-    legends = legend(*((style, f'{name} ({_MARKS[style]})') for name, style in STYLES.items()))
+    marks = {name: (style, f'{name} ({_MARKS[style]})') for name, style in STYLES.items()}
     body = [
-        '<h1>23-face test of the absolute encoder</h1>',
-        f'<p class="meta">{conditions["readings"]} readings in {conditions["turns"]} turns · '
-        f'{conditions["bar_pitch_px"]:g} px a bar · noise {conditions["noise_grey_levels"]:g} grey '
-        'levels unless said · a simulated bench</p>',
-        verdict('', headline, [], cards([
-            (own, 'template, σ'), (paper, 'method of the paper, σ'),
-            (PRINTED_STD['paper'], 'printed in the paper, σ (its own camera)')]), '', '', legend(*(
-                (STYLES[name], f'{name} ({_MARKS[STYLES[name]]})') for name in two)) + _curves(
-                    'One turn', reading, curves['first_turn'], two)),
+        page.Heading('23-face test of the absolute encoder'),
+        page.Paragraph(
+            f'{conditions["readings"]} readings in {conditions["turns"]} turns · '
+            f'{conditions["bar_pitch_px"]:g} px a bar · noise '
+            f'{conditions["noise_grey_levels"]:g} grey levels unless said · a simulated bench',
+            'meta'),
+        page.Verdict(headline, [
+            page.Cards([(own, 'template, σ'), (paper, 'method of the paper, σ'),
+                        (PRINTED_STD['paper'], 'printed in the paper, σ (its own camera)')]),
+            page.Legend(tuple(marks[name] for name in two)),
+            _curves('One turn', reading, curves['first_turn'], two)]),
         errors_section(_largest(methods)),
-        section('Methods', _methods(report)),
-        folded_section('Notes', listed(notes(report))),
-        folded_section('Standard deviations', gains([(name.replace('_', ' '), [
+        page.Section('Methods', _methods(report)),
+        page.FoldedSection('Notes', page.Listed(notes(report))),
+        page.FoldedSection('Standard deviations', page.Bars([(name.replace('_', ' '), [
             (row['std_arcsec'], 'after' if name == 'template' else 'before', 'here'),
             (PRINTED_STD.get(name), 'floor', 'printed')]) for name, row in methods.items()])),
-        folded_section('Errors at the 23 angles', legends, pair([
+        page.FoldedSection('Errors at the 23 angles', [
+            page.Legend(tuple(marks.values())), page.Pair([
             _curves(f'Noise of {loud["noise_grey_levels"]:g} grey levels (fig. 11)', reading,
                     curves['noise_of_the_paper']),
             _curves('Bars displaced at readings 5, 10 and 15 (fig. 12)', reading,
                     curves['damaged']),
             _curves('Through one bar, without noise', np.array(curves['one_bar_position']),
-                    curves['one_bar'], label='place in the bar ″', marks=False)])),
-        folded_section('One turn, reading by reading', table(
+                    curves['one_bar'], label='place in the bar ″', marks=False)])]),
+        page.FoldedSection('One turn, reading by reading', page.Table(
             ('reading', 'printed in table 2 ″', 'paper ″', 'template ″'),
-            [(i + 1, number(table_2['errors_arcsec'][i]),
-              *(number(curves['first_turn'][name][i]) for name in ('paper', 'template')))
+            [(i + 1, page.Number(table_2['errors_arcsec'][i]),
+              *(page.Number(curves['first_turn'][name][i]) for name in ('paper', 'template')))
              for i in range(23)], 'numbers sort')),
-        folded_section('What the other methods would need', _needed(report['needed']),
-                       note='To be as bad as the paper found them, by one disturbance alone.'),
+        page.FoldedSection('What the other methods would need', _needed(report['needed']),
+                           'To be as bad as the paper found them, by one disturbance alone.'),
         provenance_section([('seed', str(conditions['seed'])), ('code', conditions['code']),
                             ('bench', f'table off by {conditions["table_error_arcsec"]:.2f}″ at '
                              f'most, blur {conditions["blur_px"]:g} px')], files)]
@@ -123,8 +114,8 @@ def _curves(title, x, curves, names=tuple(STYLES), label='reading', marks=True):
             panel.points(x[good], y[good], STYLES[name])
         if good.sum() > 1:
             deviations.append(f'{name} {np.std(y[good], ddof=1):.2f}')
-    return figure(svg(446, 274, panel.parts, f'{title}. Standard deviation, arcsec: '
-                      + ', '.join(deviations)), f'{title}.')
+    return page.Figure(svg(446, 274, panel.parts, f'{title}. Standard deviation, arcsec: '
+                           + ', '.join(deviations)), f'{title}.')
 
 
 def _largest(methods):
@@ -139,17 +130,19 @@ def _largest(methods):
 
 def _methods(report):
     loud = report['noise_of_the_paper']['methods']
-    rows = [(name.replace('_', ' '), number(row['std_arcsec']), number(PRINTED_STD.get(name)),
-             number(row['max_arcsec']), row['rejected'], row['gross'],
-             number(report['damaged']['methods'][name]['rms_arcsec']),
-             number(loud[name]['std_arcsec'])) for name, row in report['methods'].items()]
-    return table(('method', 'σ ″', 'printed ″', 'largest of a turn, mean ″', 'rejected',
-                  'one bar off (not in σ)', 'damaged bars, RMS ″',
-                  'σ with the noise of the paper ″'), rows, 'numbers sort')
+    rows = [(name.replace('_', ' '), page.Number(row['std_arcsec']),
+             page.Number(PRINTED_STD.get(name)), page.Number(row['max_arcsec']), row['rejected'],
+             row['gross'],
+             page.Number(report['damaged']['methods'][name]['rms_arcsec']),
+             page.Number(loud[name]['std_arcsec'])) for name, row in report['methods'].items()]
+    return page.Table(('method', 'σ ″', 'printed ″', 'largest of a turn, mean ″', 'rejected',
+                       'one bar off (not in σ)', 'damaged bars, RMS ″',
+                       'σ with the noise of the paper ″'), rows, 'numbers sort')
 
 
 def _needed(rows):
-    return table(('disturbance', 'method', 'level needed', 'unit', 'sine there ″',
-                  'R-square there'), [
-        (row['disturbance'].replace('_', ' '), row['rival'], number(row['level'], 1), row['unit'],
-         number(row['paper_arcsec'], 1), number(row['r_square'])) for row in rows], 'numbers')
+    return page.Table(
+        ('disturbance', 'method', 'level needed', 'unit', 'sine there ″', 'R-square there'),
+        [(row['disturbance'].replace('_', ' '), row['rival'], page.Number(row['level'], 1),
+          row['unit'], page.Number(row['paper_arcsec'], 1), page.Number(row['r_square']))
+         for row in rows], 'numbers')

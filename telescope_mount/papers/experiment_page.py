@@ -20,29 +20,13 @@ import numpy as np
 from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.zero.zero_causes import COVARIATES
 from calibration.analysis.zero.zero_season import season_from_rows
+from calibration.report import page_parts as page
 from calibration.report.drawing import Panel, limit_of, svg
 from calibration.report.error_table import ErrorLine, errors_section
-from calibration.report.page_parts import (
-    cards,
-    figure,
-    folded_section,
-    gains,
-    listed,
-    number,
-    pair,
-    section,
-    table,
-    verdict,
-    whole,
-)
+from calibration.report.page_html import whole
 from calibration.report.provenance import provenance_section
-from calibration.report.residual_figures import (
-    controls,
-    controls_alone,
-    residual_sections,
-    run_residuals,
-    sky_maps,
-)
+from calibration.report.residual_figures import controls, residual_sections, sky_maps
+from calibration.report.residuals import run_residuals
 from calibration.report.zero_season_report import season_lines
 from calibration.report.zero_wording import COVARIATES as WORDS
 from calibration.rows import for_fitting
@@ -85,22 +69,23 @@ def render_experiment(report, run=None, files=()):
                      f'{case["after_rms_arcsec"]:.2f}″ after.')
     data = None if run is None else residuals_of_nights(report, run)
     body = [
-        '<h1>Nights with the model of two nights before</h1>',
-        f'<p class="meta">{len(table1)} nights · seed {report.get("seed")} · {what} · simulated'
-        '</p>', controls_alone() if data is None else controls(data),
-        verdict('', f'Mean of each night’s stars: {radial["after"]:.2f}″ RMS after the zero is '
-                f'set, {radial["before"]:.2f}″ before', [],
-                cards([(radial['before'], 'before the zero is set'),
-                       (radial['after'], 'after'), (single, 'after, a single star'),
-                       (printed, 'after, in the paper (11 nights)')]),
-                'alarm' if report['alarms'] else '', listed(lines),
-                pair(_nights(table1, axis, name, 'after') for axis, name in AXES)),
+        page.Heading('Nights with the model of two nights before'),
+        page.Paragraph(
+            f'{len(table1)} nights · seed {report.get("seed")} · {what} · simulated', 'meta'),
+        page.Controls() if data is None else controls(data),
+        page.Verdict(f'Mean of each night’s stars: {radial["after"]:.2f}″ RMS after the zero is '
+                     f'set, {radial["before"]:.2f}″ before', [
+                         page.Cards([(radial['before'], 'before the zero is set'),
+                                     (radial['after'], 'after'), (single, 'after, a single star'),
+                                     (printed, 'after, in the paper (11 nights)')]),
+                         page.Pair([_nights(table1, axis, name, 'after') for axis, name in AXES]),
+                         page.Listed(lines)], kind='alarm' if report['alarms'] else ''),
         errors_section(_largest(summary)),
-        section('Nights', _table(report)),
-        folded_section('Axes', gains(bars), pair(
-            _nights(table1, axis, name, 'before') for axis, name in AXES)),
-        folded_section('Over all nights', _statistics(summary, paper['statistics'])),
-        *([] if data is None else [folded_section('Residuals on the sky', sky_maps(data)),
+        page.Section('Nights', _table(report)),
+        page.FoldedSection('Axes', [page.Bars(bars), page.Pair(
+            [_nights(table1, axis, name, 'before') for axis, name in AXES])]),
+        page.FoldedSection('Over all nights', _statistics(summary, paper['statistics'])),
+        *([] if data is None else [page.FoldedSection('Residuals on the sky', sky_maps(data)),
                                    *residual_sections(data)]),
         _satellite(report), _zeros(report['zeros']),
         provenance_section([('seed', str(report.get('seed'))), ('what the simulator does', what)],
@@ -176,7 +161,7 @@ def _nights(rows, axis, name, when):
     panel.axes('night', 'arcsec', f'{name}, {when}')
     panel.points(x, y, f'{when} big', keys=[_key(row['night']) for row in rows])
     label = f'{name}, {when}: mean {np.mean(y):+.2f}, RMS {np.sqrt(np.mean(y**2)):.2f} arcsec'
-    return figure(svg(446, 224, panel.parts, label, 'link'), '', when)
+    return page.Figure(svg(446, 224, panel.parts, label, 'link'), when=when)
 
 
 def _table(report):
@@ -186,30 +171,31 @@ def _table(report):
             report['table1'])):
         after = by_night[row['night']]['physical']['after']
         keys.append(_key(row['night']))
-        rows.append((row['night'], *(number(row[f'{when}_{axis}_arcsec'], 2, True)
+        rows.append((row['night'], *(page.Number(row[f'{when}_{axis}_arcsec'], 2, True)
                                      for when in WHENS for axis, _ in AXES),
-                     *(number(after.get(f'{axis}_sigma_arcsec'), 2) for axis, _ in AXES),
-                     number(after['radial_rms_arcsec']), after['stars'],
-                     *(number(printed and printed[f'{when}_{axis}_arcsec'], 1, True)
+                     *(page.Number(after.get(f'{axis}_sigma_arcsec'), 2) for axis, _ in AXES),
+                     page.Number(after['radial_rms_arcsec']), after['stars'],
+                     *(page.Number(printed and printed[f'{when}_{axis}_arcsec'], 1, True)
                        for when in WHENS for axis, _ in AXES)))
     head = ['night', *(f'{when} {name} ″' for when in WHENS for _, name in AXES),
             *(f'± {name} ″' for _, name in AXES), 'stars after, radial RMS ″', 'stars',
             *(f'paper: {when} {name} ″' for when in WHENS for _, name in AXES)]
-    return table(head, rows, 'stars sort', 'Mean errors of the stars of each night', keys)
+    return page.Table(head, rows, 'stars sort', 'Mean errors of the stars of each night', keys)
 
 
 def _statistics(ours, paper):
-    rows = [(f'{name}, {when}', *(number(one[f'{when}_{axis}_arcsec'][key])
+    rows = [(f'{name}, {when}', *(page.Number(one[f'{when}_{axis}_arcsec'][key])
                                   for one in (ours, paper) for key in ('mean', 'std', 'rms')))
             for when in WHENS for axis, name in AXES]
-    return table(('arcsec', 'mean', 'std', 'RMS', 'paper: mean', 'std', 'RMS'), rows, 'numbers')
+    return page.Table(('arcsec', 'mean', 'std', 'RMS', 'paper: mean', 'std', 'RMS'), rows,
+                      'numbers')
 
 
 def _satellite(report):
     """The satellite that was tracked before and after."""
     tracks, ours = report.get('satellite'), report.get('gps')
     if not tracks or not ours:
-        return ''
+        return None
     drawn = []
     for when in WHENS:
         minutes = (np.asarray(tracks[when]['time']) - np.min(tracks[when]['time'])) / 60.0
@@ -220,19 +206,20 @@ def _satellite(report):
                           (-limit, limit))
             panel.axes('minutes', 'arcsec', f'{name}, {when}')
             panel.points(minutes, error, when)
-            drawn.append(figure(svg(446, 194, panel.parts, f'Satellite, {name}, {when}'), '', when))
-    rows = [(f'{name}, {when}', *(number(one[when].get(f'{axis}_{key}_arcsec'))
+            drawn.append(page.Figure(svg(446, 194, panel.parts, f'Satellite, {name}, {when}'),
+                                     when=when))
+    rows = [(f'{name}, {when}', *(page.Number(one[when].get(f'{axis}_{key}_arcsec'))
                                   for one in (ours, ours['paper']) for key in ('mean', 'std')))
             for when in WHENS for axis, name in AXES]
-    return folded_section('A GPS satellite, before and after the zero calibration', pair(drawn[:2]),
-                   pair(drawn[2:]), table(
-        ('arcsec', 'mean', 'std', 'paper: mean', 'paper: std'), rows, 'numbers'))
+    return page.FoldedSection('A GPS satellite, before and after the zero calibration', [
+        page.Pair(drawn[:2]), page.Pair(drawn[2:]), page.Table(
+            ('arcsec', 'mean', 'std', 'paper: mean', 'paper: std'), rows, 'numbers')])
 
 
 def _zeros(summary):
     """The zeros of the power-ons against what was measured at the mark."""
     if not summary['power_ons']:
-        return ''
+        return None
     found, season = summary['causes'], season_from_rows(summary['power_ons'])
     drawn = []
     for name in found['drivers'] or ['temperature']:
@@ -256,17 +243,18 @@ def _zeros(summary):
                 ends = np.array([x.min(), x.max()])
                 level = np.mean(y - cause['slope_arcsec'] * x)
                 panel.line(ends, level + cause['slope_arcsec'] * ends, 'fit')
-            drawn.append(figure(svg(446, 224, panel.parts,
-                                    f'Zero of the {label} against {words}'), ''))
+            drawn.append(page.Figure(svg(446, 224, panel.parts,
+                                         f'Zero of the {label} against {words}')))
     tonight, rows = summary['tonight'], []
     for _, name in AXES:
         one = tonight and tonight[name]
         if one:
-            rows.append((name, number(one['expected_arcsec'], 1, True),
-                         number(one['sigma_arcsec'], 1), number(one['measured_arcsec'], 1, True),
-                         number(one['measured_sigma_arcsec'], 1)))
-    predicted = '<h3>The last power-on, predicted before Polaris was seen</h3>' + table(
-        ('axis', 'predicted ″', '± ″', 'measured ″', '± ″'), rows, 'numbers') if rows else ''
-    return folded_section('What the zeros of the power-ons follow', listed(season_lines(summary)),
-                   pair(drawn), predicted,
-                   note='Zero since the first power-on, against what was measured at the mark.')
+            rows.append((name, page.Number(one['expected_arcsec'], 1, True),
+                         page.Number(one['sigma_arcsec'], 1),
+                         page.Number(one['measured_arcsec'], 1, True),
+                         page.Number(one['measured_sigma_arcsec'], 1)))
+    predicted = page.Subsection('The last power-on, predicted before Polaris was seen', page.Table(
+        ('axis', 'predicted ″', '± ″', 'measured ″', '± ″'), rows, 'numbers'))
+    return page.FoldedSection('What the zeros of the power-ons follow', [
+        page.Listed(season_lines(summary)), page.Pair(drawn), predicted],
+        'Zero since the first power-on, against what was measured at the mark.')

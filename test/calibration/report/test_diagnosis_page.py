@@ -24,19 +24,23 @@ import pytest
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.report.diagnosis_page import render
-from calibration.report.diagnosis_sections import exclusions, next_observations, ranking
+from calibration.report.diagnosis_sections import exclusions, ranking
 from calibration.report.diagnosis_summary import DiagnosisSummary
 from calibration.report.diagnosis_view import DiagnosisView, Driver, FoundEffect, driver_of, view_of
 from calibration.report.drawing import Panel, SkyMap, limit_of, ticks
 from calibration.report.effect_wording import effect_summaries
 from calibration.report.figure_wording import best_pair
+from calibration.report.observation_section import next_observations
 from calibration.report.observation_wording import proposal_groups
-from calibration.report.residual_figures import Residuals
+from calibration.report.page_html import drawn
+from calibration.report.residuals import Residuals
+from calibration.report.sky_grid import grid_of
 from calibration.report.verdict_wording import Statement, verdict_sentences
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import Amount, changes, dictionary, effect, smooths, steps
 from pointing_model.effects.base import arcsec, readable
+from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import Mount
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
@@ -408,26 +412,27 @@ def test_drivers_that_cannot_be_drawn_are_left_out():
 
 
 def test_tables():
-    text = exclusions([{'row': i, 'reason': 'cloud'} for i in range(20)]
-                      + [{'row': 3, 'reason': 'a < b', 'source': 'x/one.csv'}])
+    text = drawn(exclusions([{'row': i, 'reason': 'cloud'} for i in range(20)]
+                            + [{'row': 3, 'reason': 'a < b', 'source': 'x/one.csv'}]))
     assert '<td>20</td>' in text and 'and 8 more' in text and 'a &lt; b' in text
     assert text.index('cloud') < text.index('a &lt;')
-    two = exclusions([{'row': 3, 'reason': 'r', 'source': f'x/{name}'} for name in ('a', 'b')])
+    two = drawn(exclusions([{'row': 3, 'reason': 'r', 'source': f'x/{name}'}
+                            for name in ('a', 'b')]))
     assert 'a:3, b:3' in two
     rows = [{'name': f'e_{i}', 'driver': 'time', 'axes': 'az', 'delta_bic': 30.0 - i,
              'p_family': 0.001 if i < 2 else None, 'in_set': i < 2} for i in range(20)]
-    text = ranking(rows)
+    text = drawn(ranking(rows))
     assert text.count('<td>●</td>') == 2 and '14 more in the JSON result' in text
     assert 'width:100%' in text and text.index('e 0') < text.index('e 1')
     # a p beside a gain that no search took says nothing that a reader could check
     assert '0.001' not in text and 'p (family' not in text
-    text = next_observations(proposal_groups([{'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1,
-                               'approach_el': 1, 'after_hours': None, 'separates': ['a_b', 'c'],
-                               'separation_before': 2.0, 'separation_after': 9.25}]))
+    text = drawn(next_observations(proposal_groups([{
+        'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1, 'approach_el': 1, 'after_hours': None,
+        'separates': ['a_b', 'c'], 'separation_before': 2.0, 'separation_after': 9.25}])))
     assert 'anticlockwise, upward' in text and '<li>a b</li><li>c</li>' in text
     assert 'hours' not in text
     assert 'ΔBIC between them is 2.0, expected 9.2 with it.' in text
-    assert next_observations([]) == ''
+    assert next_observations([]) is None
 
 
 def test_equatorial_words_on_the_page():
@@ -470,7 +475,7 @@ def _axes_drawn(sky):
 
 @pytest.mark.parametrize('lowest', [0.0, 30.0])
 def test_a_map_of_an_equatorial_mount_has_its_axes(lowest):
-    sky = SkyMap(400, lowest, GERMAN)
+    sky = SkyMap(400, lowest, grid_of(GERMAN))
     ends, said = _axes_drawn(sky)
     distance = np.hypot(*(ends - sky.centre).T)
     assert len(ends) > 200 and distance.max() <= sky.radius + 0.1
@@ -482,7 +487,7 @@ def test_a_map_of_an_equatorial_mount_has_its_axes(lowest):
 
 
 def test_a_map_of_an_altazimuth_mount_has_none():
-    assert _axes_drawn(SkyMap(400, 0.0))[0].size == 0
+    assert _axes_drawn(SkyMap(400, 0.0, grid_of(Mount())))[0].size == 0
 
 
 def test_next_observations_of_an_equatorial_mount():
@@ -490,7 +495,7 @@ def test_next_observations_of_an_equatorial_mount():
            'through_pole': True, 'separates': ['a', 'b']}
 
     def text_of(row):
-        return next_observations(proposal_groups([row], 'german'), GERMAN)
+        return drawn(next_observations(proposal_groups([row], 'german'), KINDS['german']))
     text = text_of(row)
     assert 'through the pole, eastward, toward larger readings' in text
     assert 'through the pole' not in text_of({**row, 'through_pole': False})

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from calibration.report.error_table import MOST_ERRORS, ErrorLine, errors_section, term_lines
+from calibration.report.page_html import drawn
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import Mount, parse_mount
 from pointing_model.pointing_terms import term_cause, terms_of
@@ -52,11 +53,11 @@ def test_an_undetermined_or_unknown_term_is_no_error(run):
 
 def test_the_smaller_ones_are_folded():
     lines = [ErrorLine(f'error {i}', None, 9.0 - i, ['a cause'], 'a part') for i in range(5)]
-    page = errors_section(lines)
+    page = drawn(errors_section(lines))
     head, tail = page.split('<details>')
     assert head.count('error ') == MOST_ERRORS and 'And 2 smaller' in tail
     assert 'peak to peak' not in page and 'RMS removed' in page
-    assert errors_section([]) == ''
+    assert drawn(errors_section([])) == ''
 
 
 @pytest.mark.parametrize('kind', KINDS)

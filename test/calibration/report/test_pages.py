@@ -43,9 +43,11 @@ from calibration.report.night_page import (
     render_night,
     residuals_of,
 )
-from calibration.report.page_parts import CSS, number, value_and_error
+from calibration.report.number_wording import number, value_and_error
+from calibration.report.page_html import CSS, drawn
 from calibration.report.provenance import sum_of
-from calibration.report.residual_figures import Residuals, controls, residual_sections
+from calibration.report.residual_figures import controls, residual_sections
+from calibration.report.residuals import Residuals
 from calibration.report.zero_figures import zeros_of
 from msg_tools import convert, topics
 from msg_tools.bag import BagReader, BagWriter
@@ -209,7 +211,7 @@ def test_rows_that_are_not_known_are_drawn_nowhere():
     nothing = np.full((2, 3), np.nan)
     data = Residuals(['a', 'b', 'c'], np.zeros(3), np.ones(3), nothing, nothing, np.ones(3, bool),
                      time=np.array([1.0, np.nan, 2.0]), groups=np.array([1.0, 1.0, 2.0]))
-    text = controls(data) + ''.join(residual_sections(data))
+    text = drawn([controls(data), residual_sections(data)])
     assert 'nan' not in text and text.count('<tr data-i') == 3 and not data.used.any()
 
 

@@ -28,7 +28,7 @@ from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from calibration.report.documents import fit_document
 from calibration.report.fit_page import render_fit
-from calibration.report.page_parts import body_of
+from calibration.report.page_html import body_of
 from msg_tools.units import ARCSEC
 
 LINEAR = ('IA', 'IE', 'TF')  # columns that stay the same whatever their coefficients

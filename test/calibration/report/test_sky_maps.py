@@ -19,7 +19,9 @@ import re
 import numpy as np
 import pytest
 
-from calibration.report.residual_figures import Residuals, sky_maps
+from calibration.report.page_html import drawn
+from calibration.report.residual_figures import sky_maps
+from calibration.report.residuals import Residuals
 from msg_tools.units import DEG
 
 
@@ -30,7 +32,7 @@ def maps(size, toward_rim=True, gross=None):
     y = np.full(n, -size if toward_rim else size)
     y[0] *= gross or 1.0
     before = np.stack((np.zeros(n), y))
-    return sky_maps(Residuals(['a'] * n, az, el, before, 0.8 * before, np.ones(n, bool)))
+    return drawn(sky_maps(Residuals(['a'] * n, az, el, before, 0.8 * before, np.ones(n, bool))))
 
 
 def tips(drawing):

@@ -1,0 +1,137 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Effects that were found, and residuals, each against what it depends on."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from pointing_model.effects.base import arcsec
+from pointing_model.rms import rms
+
+from . import page_parts as page
+from .drawing import MAX_NAMED, Panel, limit_of, padded, svg
+from .error_table import MOST_ERRORS
+
+#: rows up to which figures against drivers have every row to point at, and drivers in sight
+_LINKED, _MOST = 300, 6
+
+
+def effects_section(view):
+    """What is left without each effect, its causes and its formula."""
+    left = len(view.effects) - MOST_ERRORS
+    more = f'{left} smaller ones: in the JSON result.' if left > 0 else ''
+    return page.FoldedSection('Effects', [_effect(view, one) for one in view.effects[:MOST_ERRORS]],
+                              ' '.join(filter(None, [view.axes_note, more])))
+
+
+def _effect(view, effect):
+    figure = effect_figure(view, effect)
+    kind = 'effect one' if figure and not isinstance(figure.drawing, page.Pair) else 'effect'
+    return page.Subsection(effect.name, page.Block([
+        page.Block([_causes(effect.causes), page.Definitions(effect.facts)]), figure], kind))
+
+
+def _causes(rows):
+    """Likely causes of an effect: evidence, coefficients, what to look at."""
+    rows = [list(row) for row in rows]
+    for before, row in reversed(list(pairwise(rows))):
+        if row[-1] and row[-1] == before[-1]:
+            row[-1] = 'the same'
+    return page.Table(('cause', 'ΔBIC', 'coefficients ″', 'check'), rows, 'folding stack')
+
+
+def effect_figure(view, effect):
+    """What is left without this effect alone, and the effect drawn in, against its driver."""
+    driver = effect.driver
+    if driver is None:
+        return None
+    data, own = view.residuals, effect.own
+    x, used = _spread(driver), data.used & np.isfinite(own).all(axis=0)
+    out = []
+    for axis, title in enumerate(data.axes):
+        if not np.any(np.abs(effect.fitted[axis][used]) > 1e-9):
+            continue
+        fitted = own[axis]
+        partial = data.after[axis] + fitted
+        limit = limit_of(partial[used], fitted[used])
+        panel = _panel(driver, 26, 190, limit, driver.label, 'residual [arcsec]', title)
+        names = [data.names[i] for i in np.flatnonzero(used)] if used.sum() <= MAX_NAMED else None
+        panel.points(x[used], partial[used], 'before', names)
+        panel.dashes(x[used], fitted[used], 'fit', 26.0 if driver.levels else 7.0)
+        out.append(svg(420, 262, panel.parts, f'{effect.name}, {title}'))
+    if not out:
+        return None
+    return page.Figure(
+        out[0] if len(out) == 1 else page.Pair(out),
+        f'Strokes: the effect, {arcsec(float(rms(*own[:, used])))} RMS; dots: effect plus '
+        f'residual{_how_to_read(driver, effect)}.')
+
+
+def _how_to_read(driver, effect):
+    """What else a figure against a driver of a few values needs."""
+    return ', spread sideways' * bool(driver.levels) + ' (smaller higher up)' * bool(
+        driver.levels and effect.fades)
+
+
+def drivers_section(view):
+    """Both axes against all drivers; those after the first fold away."""
+    drawn = [driver_figure(view, driver) for driver in view.drivers]
+    marks = page.Legend((*page.Legend().entries, *[('fit', 'effects')] * view.changed))
+    return page.FoldedSection('Residuals by driver', [
+        marks, drawn[:_MOST], page.Folded(f'{len(drawn) - _MOST} more drivers', drawn[_MOST:])],
+        '' if view.effects else view.axes_note)
+
+
+def driver_figure(view, driver):
+    """Both axes against one driver: before with the fit drawn in, after below."""
+    out = []
+    x, data = _spread(driver), view.residuals
+    used = data.used
+    linked = len(data) <= _LINKED
+    keys = [data.keys[i] for i in np.flatnonzero(used)] if linked else None
+    for axis, title in enumerate(data.axes):
+        before, after = data.before[axis], data.after[axis]
+        limit = limit_of(before[used], after[used])
+        top = _panel(driver, 24, 120, limit, '', '[″]', title)
+        low = _panel(driver, 156, 120, limit, driver.label, '[″]', '')
+        for panel, values, when in ((top, before, 'before'), (low, after, 'after')):
+            panel.points(x[used], values[used], when, keys=keys,
+                         moves=f' data-when="{when}"{panel.moving((None, axis))}' * linked)
+        if view.changed:
+            top.dashes(x[used], (before - after)[used], 'fit')
+        out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}',
+                       'link'))
+    missing = int((~np.isfinite(driver.values[used])).sum())
+    return page.Figure(page.Pair(out), f'Unknown in {missing} rows.' if missing else '')
+
+
+def _spread(driver):
+    """Values to draw: those of few levels side by side."""
+    if not driver.levels:
+        return driver.values
+    return driver.values + 0.28 * (np.modf(np.arange(len(driver.values)) * 0.618)[0] - 0.5) * 2
+
+
+def _panel(driver, top, height, limit, x_label, y_label, title):
+    """Residuals up to a limit against a driver: a panel with its axes."""
+    places = texts = None
+    span = padded(driver.values, 0.03)
+    if driver.levels:
+        places = sorted(driver.levels)
+        texts, span = [driver.levels[k] for k in places], (places[0] - 0.5, places[-1] + 0.5)
+    panel = Panel((58, top, 350, height), span, (-limit, limit))
+    panel.axes(x_label, y_label, title, places, texts)
+    return panel
