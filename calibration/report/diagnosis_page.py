@@ -64,8 +64,7 @@ def render(view, files=None):
         drivers_section(view),
         page.FoldedSection('Target', targets(data)),
         page.FoldedSection('Histograms', histograms(data)),
-        page.FoldedSection('Candidate effects', tables.ranking(
-            view.ranking, (document.get('wander') or {}).get('like', ())),
+        page.FoldedSection('Candidate effects', tables.ranking(view.ranking),
                            f'Each alone, beside {view.model}.'),
         page.FoldedSection('Terms', [
             terms_table(view.terms), run_terms_table(view.run_terms),

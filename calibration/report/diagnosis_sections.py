@@ -104,24 +104,23 @@ def held_out(document, axes):
 
 # ------------------------------------------------------------------------------- the candidates
 
-def ranking(rows, slow=(), limit=6):
+def ranking(rows, limit=6):
     """The best candidates, with those that the data cannot distinguish marked.
 
     Parameters
     ----------
     rows : list of dict
-        ``name, delta_bic, in_set, driver, axes``.
-    slow : sequence of str
-        Names of those that correlated noise explains as well.
+        ``name, delta_bic, in_set, driver, axes``, and ``or_noise``: correlated noise explains as
+        much.
     limit : int
         Rows shown; the JSON result has all.
     """
     if not rows:
         return None
     cells = _candidates(rows[:limit])
-    marked = any(row['name'] in slow for row in rows[:limit])
+    marked = any(row.get('or_noise') for row in rows[:limit])
     for cell, row in zip(cells, rows):
-        if row['name'] in slow:
+        if row.get('or_noise'):
             cell[4] = f'{cell[4]}~'
     more = len(rows) - limit
     return [page.Table(_RANKING, cells, 'ranking'), page.Paragraph(

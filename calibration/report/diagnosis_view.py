@@ -201,7 +201,7 @@ def view_of(diagnosis, document=None):
     causes = observation_wording.causes_of(document)
     return DiagnosisView(
         {**document, 'excluded': diagnosis.excluded}, _residuals(diagnosis, document),
-        _drivers(diagnosis, effects), effects, _in_words(diagnosis.ranking, context.mount),
+        _drivers(diagnosis, effects), effects, _ranking(diagnosis, context.mount),
         _terms(diagnosis),
         summary_of(document, [e.title for e in effects], [one.reach_arcsec for one in summaries],
                    [*filter(None, [caution]),
@@ -274,8 +274,10 @@ def _groups(obs):
                     )[obs.label]
 
 
-def _in_words(rows, mount):
-    """Candidates with the axis that they act on in words, by what the mount has."""
+def _ranking(diagnosis, mount):
+    """Candidates, which of them noise explains as well, their axes in words of the mount."""
+    like = (diagnosis.noise_memory or {}).get('like', ())
+    rows = [{**row, 'or_noise': row['name'] in like} for row in diagnosis.ranking]
     if mount.vertical:
         return rows
     words = dict(zip(('az', 'el'), mount.names.axes))

@@ -82,7 +82,8 @@ def explanation(effects):
     if causes:
         more = len(causes) - _NAMED
         short = [f'"{cause.split(":")[0]}"' for cause in causes[:_NAMED]]
-        return ' or '.join([*short, f'one of {more} more of the ranking'][:_NAMED + (more > 0)])
+        last = ['one more of the ranking' if more == 1 else f'one of {more} more of the ranking']
+        return ' or '.join([*short, *last * (more > 0)])
     drivers = list(dict.fromkeys(the(one['driver']) for one in effects))
     return f'something that changes with {" or ".join(drivers)}' if drivers else ''
 

@@ -18,6 +18,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,7 +27,14 @@ from calibration.analysis.diagnosis import diagnose
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_sections import exclusions, ranking
 from calibration.report.diagnosis_summary import DiagnosisSummary
-from calibration.report.diagnosis_view import DiagnosisView, Driver, FoundEffect, driver_of, view_of
+from calibration.report.diagnosis_view import (
+    DiagnosisView,
+    Driver,
+    FoundEffect,
+    _ranking,
+    driver_of,
+    view_of,
+)
 from calibration.report.drawing import Panel, SkyMap, limit_of, ticks
 from calibration.report.effect_wording import effect_summaries
 from calibration.report.figure_wording import best_pair
@@ -458,6 +466,13 @@ def test_equatorial_words_on_the_page():
     assert {row['axes'] for row in rows} <= {'hour angle', 'declination', 'both'}
     assert 'approach hour angle' in {row['driver'] for row in rows}
     assert not any((row['driver'] or '').endswith(('_az', '_el')) for row in rows)
+    # what noise explains as well is marked under whatever name the axes have
+    drift = {'like': ['declination_zero_step'], **dict.fromkeys(('p', 'axes'), {})}
+    like = [{'name': name, 'driver': 'time', 'axes': 'el', 'delta_bic': 9.0, 'in_set': False}
+            for name in ('declination_zero_step', 'declination_zero_with_time')]
+    marked = _ranking(SimpleNamespace(noise_memory=drift, ranking=like), mount)
+    assert [row['or_noise'] for row in marked] == [True, False]
+    assert '<td>~</td>' in drawn(ranking(marked))
 
 
 GERMAN = Mount.equatorial(34.0 * DEG, 'german')

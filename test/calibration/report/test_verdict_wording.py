@@ -54,8 +54,9 @@ def test_what_explains_a_drift_as_well_is_named():
     assert like(*many[:2]) == ('"azimuth zero jumped at once" or "mount wobble on its wheels, pads '
                                'or base (twice per turn of azimuth)"')
     # of more than are named it is said where the others are
-    assert like(*many, *many).endswith(' or one of 1 more of the ranking')
-    curve = effect('smooth', axis='el', driver='temperature', shape='sawtooth', start=0.2, period=0.4)
+    assert like(*many, *many).endswith(' or one more of the ranking')
+    curve = effect('smooth', axis='el', driver='temperature', shape='sawtooth', start=0.2,
+                   period=0.4)
     assert like(curve) == 'something that changes with the temperature'
     assert like() == ''
 
