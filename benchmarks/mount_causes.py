@@ -19,9 +19,10 @@
 
 Each cause is made by geometry of its own (`CAUSES`), on an alt-azimuth or a German mount whose
 seven terms are off, scaled to a given lambda = |(1 - P) s| / sigma: its signal beyond the seven
-terms over the noise of an axis. Each night is one of four: the cause is in the set of a found
-effect (a near alias of `alike` counts); a shape without a cause is all that is found; nothing is;
-or an effect with another name is found whose set lacks the true one. `--full` runs 200 nights of
+terms over the noise of an axis. Each night is one of six: the cause is in the set of a found
+effect (a near alias of `alike` counts); or in the set of what explains the rows as well as a drift
+of unknown cause does (`or drift`); a drift without it (`drift`); a shape without a cause is all
+that is found; nothing is; or an effect with another name is found whose set lacks the true one. `--full` runs 200 nights of
 60 rows at lambda 9 and of 120 rows at lambda 7, or at the sizes that a cause has of its own.
 
 A cause more is an entry more of `CAUSES`: see `mount_cause_nights.py`, `mount_history_nights.py`.
@@ -40,7 +41,7 @@ from pointing_model.mounts import Mount
 
 SIZES = ((60, 9.0), (120, 7.0))
 CAUSES = {**OF_PLACES, **HISTORIES}
-ANSWERS = ('set', 'shape', 'nothing', 'wrong')
+ANSWERS = ('set', 'or drift', 'drift', 'shape', 'nothing', 'wrong')
 
 
 def mount_of(kind):
@@ -71,10 +72,12 @@ def answer(result, cause):
     found = [e.fitted.effect for e in result.effects]
     shown = {name for e in result.effects
              for name in (e.fitted.effect.name, *e.alternatives, *e.aliases)}
-    if any(name.startswith(cause.names) for name in shown):
+    if any(name.startswith(cause.names + cause.alike) for name in shown):
         return 'set', found
-    if any(name.startswith(cause.alike) for name in shown if cause.alike):
-        return 'set', found
+    if not found and result.noise_memory:
+        drift = any(name.startswith(cause.names + cause.alike)
+                    for name in result.noise_memory['like'])
+        return 'or drift' if drift else 'drift', found
     if not found:
         return 'nothing', found
     return 'shape' if all(e.kind == 'smooth' for e in found) else 'wrong', found
