@@ -22,8 +22,9 @@ seven terms are off, scaled to a given lambda = |(1 - P) s| / sigma: its signal 
 terms over the noise of an axis. Each night is one of six: the cause is in the set of a found
 effect (a near alias of `alike` counts); or in the set of what explains the rows as well as a drift
 of unknown cause does (`or drift`); a drift without it (`drift`); a shape without a cause is all
-that is found; nothing is; or an effect with another name is found whose set lacks the true one. `--full` runs 200 nights of
-60 rows at lambda 9 and of 120 rows at lambda 7, or at the sizes that a cause has of its own.
+that is found; nothing is; or an effect with another name is found whose set lacks the true one.
+`--full` runs 200 nights of 60 rows at lambda 9 and of 120 rows at lambda 7, or at the sizes that a
+cause has of its own.
 
 A cause more is an entry more of `CAUSES`: see `mount_cause_nights.py`, `mount_history_nights.py`.
 """

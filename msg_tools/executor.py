@@ -183,8 +183,7 @@ class NodeExecutor(Executor):
         among = self._among()
         ready = among or self._wait(timeout_sec_to_nsec(timeout_sec))
         self._woke = time.monotonic()
-        if not among:
-            self._waited = self._woke
+        self._waited = self._waited if among else self._woke
         if not self._wakers:
             return
         if not self.context.ok():
