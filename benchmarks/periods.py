@@ -14,12 +14,13 @@
 
 """Worms and gears whose period nobody declared: found, with the right period, and not in noise.
 
-    python benchmarks/periods.py [--nights N] [--full] [--verbose]
+    python benchmarks/periods.py [--nights N] [--on-sky] [--full] [--verbose]
 
 Nights of a German and an alt-azimuth mount in random order above 20 degrees. One axis has a worm or
 gear of a whole number of periods a turn, 10 to 1000, all as likely, of which the search knows
 nothing; both axes are searched. Its amplitude is that of the angle of the axis, so of the first
-axis cos of the second angle is lost on the sky. `found`: a periodic error of that axis is added;
+axis cos of the second angle is lost on the sky; with `--on-sky` it is made up for: the RMS on the
+sky is that of the amplitude. `found`: a periodic error of that axis is added;
 `exact`: its period is that one, to half of the resolution (1 / turns of travel); `to the tooth`:
 rounded it is that number; `other`: nights with any other effect. `clean`: nights without it, in
 white noise and in noise that remembers (correlation 0.9 from row to row, half of the variance).
@@ -41,7 +42,7 @@ CLEAN = (30, 60, 200)
 _ALIKE = 0.9
 
 
-def night(kind, rows, amplitude, rng, memory=False):
+def night(kind, rows, amplitude, rng, memory=False, on_sky=False):
     """A run, its axis and its periods a turn."""
     mount = Mount() if kind == 'altaz' else Mount.equatorial(LATITUDE, kind)
     columns = sky(rng, rows, mount)
@@ -54,7 +55,8 @@ def night(kind, rows, amplitude, rng, memory=False):
             slow[:, i] = _ALIKE * slow[:, i - 1] + np.sqrt(1.0 - _ALIKE**2) * slow[:, i]
         error = np.sqrt(0.5) * (slow + rng.normal(size=(2, rows)))
     wave = amplitude * np.cos(turns * columns[axis] + rng.uniform(0.0, 2.0 * np.pi))
-    error[int(axis == 'el')] += wave * (np.cos(columns['el']) if axis == 'az' else 1.0)
+    seen = np.cos(columns['el']) if axis == 'az' else np.ones(rows)
+    error[int(axis == 'el')] += wave * seen / (np.sqrt(np.mean(seen**2)) if on_sky else 1.0)
     return make_run(columns, *error, mount), axis, turns
 
 
@@ -69,7 +71,7 @@ def measure(kind, rows, amplitude, args):
     rng, start = np.random.default_rng(args.seed), time.process_time()
     counts = np.zeros((2, 5), int)
     for i in range(args.nights):
-        run, axis, turns = night(kind, rows, amplitude, rng)
+        run, axis, turns = night(kind, rows, amplitude, rng, on_sky=args.on_sky)
         result = diagnose(run, cross_validation=False, seed=i)
         mine = [found for of, found in periods_of(result) if of == axis]
         half = np.pi / np.ptp(run[axis])
@@ -103,6 +105,7 @@ def main():
     parser.add_argument('--nights', type=int, default=20)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--only', choices=('worm', 'clean'))
+    parser.add_argument('--on-sky', action='store_true', help='amplitude as seen on the sky')
     parser.add_argument('--full', action='store_true', help='200 nights')
     parser.add_argument('--verbose', action='store_true', help='list what was missed')
     args = parser.parse_args()

@@ -35,20 +35,20 @@ def correlation_sentence(entry, axes):
     if not entry['slow']:
         return 'rows taken close together share their error: they count as fewer'
     step, drifts = entry['along_the_sky'], drift_words(entry, axes)
+    explained = explanation(entry.get('explained_by', ()))
     return '. '.join(filter(None, [
-        _lead(step, explanation(entry.get('explained_by', ()))), difference_sentence(entry, axes),
+        _lead(step, explained), difference_sentence(entry, axes),
         direction_sentence(entry, axes) if step else '',
         f'Most of it is even: {drifts}, as where something slips or settles '
         '(clutch, clamp, saddle, tripod or pier, mirror)' if drifts else '',
-        'Its cause is unknown' if not step else
         'To distinguish them return to the first stars now and then, or observe in an '
-        'order that mixes the sky']))
+        'order that mixes the sky' if step else '' if explained else 'Its cause is unknown']))
 
 
 def _lead(step, explained):
     """What it may be: what the data cannot distinguish comes first."""
     if not step:
-        return f'correlated noise: the zero drifts, or {explained} explains it' \
+        return f'correlated noise: the zero drifts. {explained} explains these rows as well' \
             if explained else 'the zero drifts'
     more = f'. It could be {explained}' if explained else ''
     return (f'correlated noise: the zero drifts, or the model lacks an effect of the direction'

@@ -23,7 +23,7 @@ from .cause_wording import counted, first_check, open_causes
 from .diagnosis_wording import limit_words
 from .figure_wording import STAYS, best_pair, beyond, figures_sentence, repeat_sentence, way
 from .fit_wording import implausible_term
-from .noise_wording import correlation_sentence, drift_words
+from .noise_wording import correlation_sentence, drift_words, explanation
 from .observation_wording import next_sentence
 from .raw_error_wording import raw_error_sentence
 from .row_wording import bad_nights, outlier_sentence, worst_sentence
@@ -134,7 +134,10 @@ def short_headline(document, effects):
         words = axes_words(document)
         return f'{words[:1].upper()}{words[1:]}. No effect explains that.'
     if text:
-        return text.format(beyond=_beyond_terms(document))
+        like = explanation((document.get('wander') or {}).get('explained_by', ())) \
+            if document['verdict'] == 'wanders' else ''
+        return text.format(beyond=_beyond_terms(document)) + \
+            f' {like[:1].upper()}{like[1:]} explains it as well.' * bool(like)
     if not effects:
         return f'An error remains{_beyond_terms(document)}; its cause is unknown.'
     first = effects[0]
