@@ -26,7 +26,6 @@ from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.topic_names import prefix_of
-from msg_tools.units import DEG
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation, declared_worms
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
@@ -37,6 +36,7 @@ from pointing_model.runs.row_exclusion import without_excluded
 from pointing_model.runs.run import PointingRun, known_site
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.runs.run_reader import read_run, swap_encoders
+from pointing_model.sky.site import SITE
 from pointing_model.sky.skyline import parse_horizon
 
 from .night_files import log_of
@@ -264,9 +264,7 @@ def run_of_log(path, satellites=False):
     calibration, guard, observer = (parameters_of(bag.metadata, f'{prefix}{name}') or {}
                                     for name in ('calibration', 'mount_guard', 'star_observer'))
     meta |= declared_by({**guard, **{k: v for k, v in calibration.items() if v}}, meta['notes'])
-    site = {name: observer[f'{name}_{unit}'] * size for name, unit, size in (
-        ('latitude', 'deg', DEG), ('longitude', 'deg', DEG), ('height', 'm', 1.0))
-            if f'{name}_{unit}' in observer}
+    site = {one.field: observer[name] * one.size for name, one in SITE.items() if name in observer}
     if site:
         meta['site'] = {**site, **known_site(meta)}
     return _without_check_rows(PointingRun({n: v[stars] for n, v in columns.items()}, meta))

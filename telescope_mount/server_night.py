@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import DEG
-from pointing_model.sky.site import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE, SITE
 from telescope_mount.bridges.alpaca import PORT as ALPACA_PORT
 from telescope_mount.bridges.indi import PORT as INDI_PORT
 from telescope_mount.bridges.indi import parse_address
@@ -28,8 +27,6 @@ from telescope_mount.bridges.indi.goto_mount import BridgeError
 from .graph import server_graph
 
 PORTS = {'indi': INDI_PORT, 'alpaca': ALPACA_PORT}
-#: parameters of the site, in the order in which a telescope gives it, and their units
-SITE = (('latitude_deg', DEG), ('longitude_deg', DEG), ('height_m', 1.0))
 #: how the simulators slew, for the guard: both axes at once, and at once at full speed
 SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_acceleration_deg_s2': 60.0,
              'second_acceleration_deg_s2': 60.0, 'slew_timing': 0.8}
@@ -123,7 +120,7 @@ def ask_server(text, sky=None, seen=False):
                          f'{protocol}:{host}:{port}:equatorial, german or altaz')
     if site is None or not np.any(site[:2]):  # as drivers begin that nobody has told
         site = DEFAULT_SITE.latitude, DEFAULT_SITE.longitude, DEFAULT_SITE.height
-    there = {name: value / unit for (name, unit), value in zip(SITE, site)}
+    there = {name: value / one.size for (name, one), value in zip(SITE.items(), site)}
     return ServerMount(protocol, {'host': host, 'port': port} | server, kind, there | (sky or {}),
                  simulated)
 

@@ -20,7 +20,13 @@ from functools import lru_cache
 import erfa
 import numpy as np
 
-from .site import within
+from .site import Quantity
+
+#: by the names that files and nodes use
+AIR = {'pressure_hpa': Quantity('pressure_hpa', 'hPa', 1.0, 0.0, 1200.0),
+       'temperature_c': Quantity('temperature_c', 'degrees Celsius', 1.0, -90.0, 60.0),
+       'humidity': Quantity('humidity', '(a fraction)', 1.0, 0.0, 1.0),
+       'wavelength_um': Quantity('wavelength_um', 'micrometres', 1.0, 0.2, 1e6)}
 
 
 @dataclass(frozen=True)
@@ -50,10 +56,8 @@ class Weather:
     wavelength_um: float = 0.55
 
     def __post_init__(self):
-        within('pressure', self.pressure_hpa, 0.0, 1200.0, 'hPa')
-        within('temperature', self.temperature_c, -90.0, 60.0, 'degrees Celsius')
-        within('humidity', self.humidity, 0.0, 1.0, '(a fraction)')
-        within('wavelength', self.wavelength_um, 0.2, 1e6, 'micrometres')
+        for quantity in AIR.values():
+            quantity.check(self)
 
 
 DEFAULT_WEATHER = Weather()

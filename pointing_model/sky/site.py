@@ -12,21 +12,50 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The site of a mount: latitude, longitude, height."""
+"""The site of a mount: latitude, longitude, height, in SI and as people give them."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import DEG
 
 
-def within(name, value, low, high, unit):
-    """Refuse what is outside a range: a ValueError with the first such value."""
-    value = np.asarray(value, float)
-    bad = ~((value >= low) & (value <= high))
-    if np.any(bad):
-        raise ValueError(f'{name} {value[bad].flat[0]:g} is outside {low:g} to {high:g} {unit}')
+class Quantity(NamedTuple):
+    """A number of a site, or of its air, as files and parameters give it.
+
+    Attributes
+    ----------
+    field : str
+        Of `Site` or `air.Weather`.
+    unit : str
+        In words.
+    size : float
+        Of the unit, in that of the field.
+    low, high : float
+        Least and most, in the unit.
+    """
+
+    field: str
+    unit: str
+    size: float
+    low: float
+    high: float
+
+    def check(self, holder):
+        """Refuse a value that is out of range: a ValueError with the first such value."""
+        value = np.asarray(getattr(holder, self.field), float) / self.size
+        bad = ~((value >= self.low) & (value <= self.high))
+        if np.any(bad):
+            raise ValueError(f'{self.field.split("_")[0]} {value[bad].flat[0]:g} is outside '
+                             f'{self.low:g} to {self.high:g} {self.unit}')
+
+
+#: by the names that files and nodes use
+SITE = {'latitude_deg': Quantity('latitude', 'degrees', DEG, -90.0, 90.0),
+        'longitude_deg': Quantity('longitude', 'degrees', DEG, -180.0, 360.0),
+        'height_m': Quantity('height', 'm', 1.0, -500.0, 10000.0)}
 
 
 @dataclass(frozen=True)
@@ -51,9 +80,8 @@ class Site:
     height: float = 500.0
 
     def __post_init__(self):
-        within('latitude', self.latitude / DEG, -90.0, 90.0, 'degrees')
-        within('longitude', self.longitude / DEG, -360.0, 360.0, 'degrees')
-        within('height', self.height, -500.0, 10000.0, 'm')
+        for quantity in SITE.values():
+            quantity.check(self)
 
 
 DEFAULT_SITE = Site()

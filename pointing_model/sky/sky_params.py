@@ -19,28 +19,27 @@ from msg_tools.units import DEG
 
 from ..mount_kinds import kinds_text
 from ..mounts import parse_mount
-from .air import DEFAULT_WEATHER, Weather
-from .site import DEFAULT_SITE, Site
+from .air import AIR, DEFAULT_WEATHER, Weather
+from .site import DEFAULT_SITE, SITE, Site
 
 KIND_OF_MOUNT = Param(
     'mount', 'altaz', f'kind of mount: {kinds_text()}; where the first axis points [deg]',
     check=lambda text: parse_mount(text, 0.0), fixed=True)
 
+#: what each is, for who sets it
+_MEANING = {
+    'latitude_deg': 'geodetic latitude of the site [deg]',
+    'longitude_deg': 'longitude of the site, east positive [deg]',
+    'height_m': 'height above the ellipsoid [m]',
+    'pressure_hpa': 'air pressure at the site, 0 for no refraction [hPa]',
+    'temperature_c': 'air temperature at the site [Celsius]',
+    'humidity': 'relative humidity at the site [1]',
+    'wavelength_um': 'effective wavelength of the camera [um]'}
 #: in the order of the fields of `Site` and `Weather`
-SKY_PARAMS = (
-    Param('latitude_deg', DEFAULT_SITE.latitude / DEG, 'geodetic latitude of the site [deg]',
-          -90.0, 90.0),
-    Param('longitude_deg', DEFAULT_SITE.longitude / DEG,
-          'longitude of the site, east positive [deg]', -180.0, 360.0),
-    Param('height_m', DEFAULT_SITE.height, 'height above the ellipsoid [m]', -500.0, 9000.0),
-    Param('pressure_hpa', DEFAULT_WEATHER.pressure_hpa,
-          'air pressure at the site, 0 for no refraction [hPa]', 0.0, 1100.0),
-    Param('temperature_c', DEFAULT_WEATHER.temperature_c, 'air temperature at the site [Celsius]',
-          -90.0, 60.0),
-    Param('humidity', DEFAULT_WEATHER.humidity, 'relative humidity at the site [1]', 0.0, 1.0),
-    Param('wavelength_um', DEFAULT_WEATHER.wavelength_um,
-          'effective wavelength of the camera [um]', 0.2, 1000.0),
-)
+SKY_PARAMS = tuple(
+    Param(name, getattr(default, one.field) / one.size, _MEANING[name], one.low, one.high)
+    for default, table in ((DEFAULT_SITE, SITE), (DEFAULT_WEATHER, AIR))
+    for name, one in table.items())
 
 
 def mount_of(node):
@@ -56,5 +55,5 @@ def sky_of(node):
     site : Site
     weather : Weather
     """
-    latitude, longitude, height, *weather = (node.value(param.name) for param in SKY_PARAMS)
-    return Site(latitude * DEG, longitude * DEG, height), Weather(*weather)
+    return tuple(kind(*(node.value(name) * one.size for name, one in table.items()))
+                 for kind, table in ((Site, SITE), (Weather, AIR)))

@@ -107,7 +107,7 @@ SHARED = {
     'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site'},
     'longitude': {'type': real(-180.0, 360.0, 'degrees'), 'metavar': 'DEG',
                   'help': 'of the site, east positive'},
-    'height': {'type': real(-500.0, 9000.0, 'm'), 'metavar': 'M',
+    'height': {'type': real(-500.0, 10000.0, 'm'), 'metavar': 'M',
                'help': 'of the site above the ellipsoid'},
     'reference': {'type': model_path, 'metavar': 'MODEL'},
     'encoder': {'choices': ('enc', 'abs'), 'default': 'enc',

@@ -17,19 +17,13 @@
 import difflib
 import re
 
-from msg_tools.units import DEG
 from pointing_model.runs.plate_solves.frames import Frame, parse_frame
+from pointing_model.sky.air import AIR
+from pointing_model.sky.site import SITE
 
-#: key in a file -> part of ``meta``, name there, its unit in SI, least and greatest
-NUMBERS = {
-    'latitude_deg': ('site', 'latitude', DEG, -90.0, 90.0),
-    'longitude_deg': ('site', 'longitude', DEG, -180.0, 360.0),
-    'height_m': ('site', 'height', 1.0, -500.0, 10000.0),
-    'pressure_hpa': ('weather', 'pressure_hpa', 1.0, 0.0, 1200.0),
-    'temperature_c': ('weather', 'temperature_c', 1.0, -90.0, 60.0),
-    'humidity': ('weather', 'humidity', 1.0, 0.0, 1.0),
-    'wavelength_um': ('weather', 'wavelength_um', 1.0, 0.2, 1e6),
-}
+#: key in a file -> part of ``meta``, and what it is there
+NUMBERS = {key: (part, one) for part, table in (('site', SITE), ('weather', AIR))
+           for key, one in table.items()}
 _KEYS = ('frame', 'readings', 'mount', 'unsolved', *NUMBERS)
 _LINE = re.compile(r'#\s*([A-Za-z_]+)\s*[:=]\s*(\S.*?)\s*')
 
@@ -112,14 +106,14 @@ def declare(out, key, value, where):
         except ValueError as error:
             raise ValueError(f'{where}: {error}') from None
         return
-    part, name, unit, low, high = NUMBERS[key]
+    part, one = NUMBERS[key]
     try:
         number = float(value)
     except (TypeError, ValueError):
         raise ValueError(f'{where}: {key} {str(value)[:40]!r} is not a number') from None
-    if not low <= number <= high:
-        raise ValueError(f'{where}: {key} {number:g} is outside {low:g} to {high:g}')
-    out.setdefault(part, {})[name] = number * unit
+    if not one.low <= number <= one.high:
+        raise ValueError(f'{where}: {key} {number:g} is outside {one.low:g} to {one.high:g}')
+    out.setdefault(part, {})[one.field] = number * one.size
 
 
 def standard_pressure(height):

@@ -22,16 +22,16 @@ from msg_tools.units import DEG
 from msg_tools.whole_files import beside
 from pointing_model.mounts import ALTAZ, is_beyond, mount_text, through_pole
 from pointing_model.runs.run import COLUMNS, column_name, known_site
+from pointing_model.sky.site import SITE
 
 from ..columns import hints, run_table, solve_columns
 from ..columns.cells import Cells, delimiter_of, split_row, write_rows
 from ..columns.column_names import CSV_NAMES, HORIZON_NAMES, OTHER_NAMES, near_column
-from ..columns.declarations import NUMBERS, declarations
+from ..columns.declarations import declarations
 from ..columns.run_table import RunFormat, Table, content
 from ..columns.text_rows import CLOCK, UNKNOWN, decimal_points, is_number
 
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
-_SITE = {key: (name, unit) for key, (part, name, unit, *_) in NUMBERS.items() if part == 'site'}
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
 _CLOSE = 1.0
 
@@ -356,8 +356,8 @@ def _declarations(run):
     if mount.celestial:
         place['latitude'] = mount.latitude
     return [f'mount: {mount_text(mount)}', *(
-        f'{key}: {place[name] / unit!r}' for key, (name, unit) in _SITE.items()
-        if place.get(name) is not None)]
+        f'{key}: {place[one.field] / one.size!r}' for key, one in SITE.items()
+        if place.get(one.field) is not None)]
 
 
 FORMAT = RunFormat('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...)',
