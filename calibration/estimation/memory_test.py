@@ -26,9 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .candidates import largest, reduced_squares
+from .candidates import largest
 from .correlated_noise import AT_ONCE, AxisRows, CorrelatedNoise
 from .group_columns import inverse_root
+from .reduced_squares import reduced_squares, times_rows
 
 #: a group whose score memory inflates by more (variance) is one that such noise can be mistaken
 #: for; with up to a fifth more a p of 0.01 is one of 0.02
@@ -352,7 +353,7 @@ def _likelihoods(pair, live):
         for of, (own, design, values), rest in zip(pair, (gx, gy), left):
             design = design.reshape(onto.shape)
             half = (design - 0.5 * (onto @ of.design)).reshape(sets, count, d, k)
-            shared = _across(half, onto.reshape(half.shape))
+            shared = times_rows(half, onto.reshape(half.shape))
             across.append((own - shared - np.swapaxes(shared, -1, -2),
                            values - (design @ p + onto @ rest).reshape(values.shape)))
         length = np.sqrt(np.diagonal(gx[0] + gy[0], axis1=2, axis2=3))
@@ -360,10 +361,3 @@ def _likelihoods(pair, live):
         out[:, which] = (reduced * other * det[..., None]).min(axis=0).T
     plain = (squares[0] * squares[1] * det).min(axis=0)
     return (-live * np.log(np.maximum(of, 1e-300)) - log_det[0] for of in (plain, out))
-
-
-def _across(a, b):
-    """Products of the rows of many small matrices, (..., d, k) each: shape (..., d, d)."""
-    if a.shape[-2] == 1:  # one by one `@` would take ten times as long
-        return (a * b).sum(axis=-1, keepdims=True)
-    return a @ np.swapaxes(b, -1, -2)
