@@ -292,14 +292,12 @@ class CandidateBank:
         Returns
         -------
         Scores
-            Of all groups they are computed once for each fit.
+            Computed once for each fit.
         """
-        if self not in fit.known:
-            scores = self._scored(fit, groups)
-            if groups is not None:
-                return scores
-            fit.known[self] = scores
-        return fit.known[self]
+        key = self if groups is None or self in fit.known else (self, *groups)
+        if key not in fit.known:
+            fit.known[key] = self._scored(fit, groups)
+        return fit.known[key]
 
     def gains_without(self, fit, b, parts):
         """Gains of all groups in the place of parts of what was fitted, at the weights of the fit.

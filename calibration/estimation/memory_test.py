@@ -345,6 +345,8 @@ def _likelihoods(pair, live):
     # L = (x^2 y^2)^-live / det, so that the least of one product needs no logarithm of each
     log_det = x.log_det + y.log_det
     det = np.exp((log_det - log_det[0]) / live)[:, None]
+    # of many values at a time six digits do
+    kind = np.float32 if p.shape[2] > 1 else np.float64
     out = np.empty((p.shape[2], sum(len(which) for which, *_ in x.groups)))
     for (which, *gx), (_, *gy) in zip(x.groups, y.groups):
         sets, count, d, k = gx[1].shape
@@ -354,10 +356,10 @@ def _likelihoods(pair, live):
             design = design.reshape(onto.shape)
             half = (design - 0.5 * (onto @ of.design)).reshape(sets, count, d, k)
             shared = times_rows(half, onto.reshape(half.shape))
-            across.append((own - shared - np.swapaxes(shared, -1, -2),
-                           values - (design @ p + onto @ rest).reshape(values.shape)))
+            across.append((own - shared - np.swapaxes(shared, -1, -2), (
+                values - (design @ p + onto @ rest).reshape(values.shape)).astype(kind)))
         length = np.sqrt(np.diagonal(gx[0] + gy[0], axis1=2, axis2=3))
         (reduced, other), _ = reduced_squares(squares, across, length)
-        out[:, which] = (reduced * other * det[..., None]).min(axis=0).T
+        out[:, which] = (reduced * (other * det[..., None].astype(kind))).min(axis=0).T
     plain = (squares[0] * squares[1] * det).min(axis=0)
     return (-live * np.log(np.maximum(of, 1e-300)) - log_det[0] for of in (plain, out))

@@ -89,12 +89,15 @@ def reduced_squares(squares, across, length):
     Returns
     -------
     left : list of ndarray, shape (..., G, m)
+        As precise as the products with what is left.
     dof : ndarray of int, shape (..., G)
     """
     own, with_left = map(sum, zip(*across))
     scale = 1.0 / np.where(length > 0.0, length, 1.0)[..., None]
     factor, dof = directions(own * scale * np.swapaxes(scale, -1, -2))
-    factor = factor * scale
+    kind = with_left.dtype
+    factor = (factor * scale).astype(kind, copy=False)
     fitted = _times(factor, _times(np.swapaxes(factor, -1, -2), with_left))
-    return [square[..., None, :] - (fitted * (2.0 * with_one - _times(of, fitted))).sum(axis=-2)
-            for square, (of, with_one) in zip(squares, across)], dof
+    return [square[..., None, :].astype(kind, copy=False) - (fitted * (
+        2.0 * with_one - _times(of.astype(kind, copy=False), fitted))).sum(axis=-2)
+        for square, (of, with_one) in zip(squares, across)], dof
