@@ -54,9 +54,13 @@ def orthonormal(rows):
         length = np.sqrt(np.einsum('ij,ij->i', rows, rows))
         rows = rows[length > 0.0] / length[length > 0.0, None]
         if 0 < len(rows) <= rows.shape[1]:
-            from scipy.linalg.lapack import dgeqrf, dorgqr  # slow to import
+            from scipy.linalg.lapack import dgeqrf, dorgqr, dtrtri  # slow to import
             turned, tau, _, _ = dgeqrf(rows.T)  # a tenth of the time of the eigenvalues
-            if np.abs(turned.diagonal()).min() > _SURE:
+            sure = np.abs(turned.diagonal()).min() > _SURE
+            if not sure:  # as in `inverse_root`
+                inverse, bad = dtrtri(turned[:len(rows)])
+                sure = not bad and len(rows) * np.square(np.triu(inverse)).sum() < 1.0 / EIGEN
+            if sure:
                 return dorgqr(turned, tau, overwrite_a=1)[0].T
         values, vectors = np.linalg.eigh(rows @ rows.T)
         keep = values > EIGEN * values[-1:]

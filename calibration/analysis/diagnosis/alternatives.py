@@ -31,7 +31,8 @@ import numpy as np
 from calibration.estimation.candidates import TIE, CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.linear_model import LIVE
-from calibration.estimation.select import affordable, choose, search, settled, significances
+from calibration.estimation.select import affordable, choose, search
+from calibration.estimation.settlement import settled, significances
 from calibration.estimation.significance import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word
