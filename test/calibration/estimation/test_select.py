@@ -36,8 +36,8 @@ from calibration.estimation.folds import (
 from calibration.estimation.group_columns import Basis, GroupColumns, orthonormal
 from calibration.estimation.linear_model import overlap, weighted_fit
 from calibration.estimation.select import choose, search
-from calibration.estimation.settlement import settled
 from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
+from calibration.estimation.settlement import settled
 from calibration.estimation.significance import significance
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
