@@ -336,6 +336,7 @@ def _likelihoods(pair, live):
     x, y = pair
     normal = x.design + y.design
     first = inverse_root(normal.mean(axis=0))  # beside it all are clear, and need no eigenvalues
+    first = first[:, first.any(axis=0)]
     root = first @ inverse_root(first.T @ normal @ first)
     inverse = root @ root.transpose(0, 2, 1)
     p = inverse @ (x.design_values + y.design_values)
