@@ -23,6 +23,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .linear_model import DISTINCT, LIVE
+from .reduced_squares import directions, each_two, reduced_squares, times_rows
 
 #: 2 ln L by which equals may differ: two names of one curve, by rounding
 TIE = 1e-6
@@ -102,6 +103,36 @@ class Scores:
         return next(self.bank.bases(self.fit, [group]))[1][0]
 
 
+@dataclass
+class _AxisColumns:
+    """Columns of a bank on one axis, and their products row by row: with weights they are sums.
+
+    Attributes
+    ----------
+    columns, pairs : ndarray of int, shape (k,), (q,)
+        Which of the bank have anything on this axis.
+    values, squares : ndarray, shape (k, n)
+    pair : ndarray of int, shape (2, q)
+        Of `values`.
+    products : ndarray, shape (q, n)
+    """
+
+    columns: np.ndarray
+    pairs: np.ndarray
+    values: np.ndarray
+    squares: np.ndarray
+    pair: np.ndarray
+    products: np.ndarray
+
+    @classmethod
+    def of(cls, columns, some, pairs):
+        """Of columns (K, n), `some` of which (a mask) count, and pairs (2, Q) of them."""
+        place, here = np.cumsum(some) - 1, np.flatnonzero(some)
+        there = np.flatnonzero(some[pairs[0]])
+        values, pair = columns[here], place[pairs[:, there]]
+        return cls(here, there, values, np.square(values), pair, values[pair[0]] * values[pair[1]])
+
+
 class CandidateBank:
     """Candidate groups with their columns.
 
@@ -127,6 +158,7 @@ class CandidateBank:
         sizes = np.array([len(e.coefficient_names) for e in self.effects], int)
         self._start = np.concatenate(([0], np.cumsum(sizes)))
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
+        self._known = {}
         # what was scanned, in parameters
         self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects], int)
         names = {}
@@ -167,6 +199,7 @@ class CandidateBank:
         self.effects = [*self.effects[:g], effect, *self.effects[g + 1:]]
         self.of(g)[:] = columns
         self.__dict__.pop('_of_axes', None)
+        self._known.clear()
 
     def only(self, groups):
         """The bank of some groups (indices), numbered anew."""
@@ -178,7 +211,7 @@ class CandidateBank:
         n = self.columns.shape[1] // 2
         index = np.arange(n)[rows]
         out = copy(self)  # what the effects are called is the same
-        out.columns = self.columns[:, np.concatenate((index, index + n))]
+        out.columns, out._known = self.columns[:, np.concatenate((index, index + n))], {}
         return out
 
     @cached_property
@@ -186,6 +219,22 @@ class CandidateBank:
         """Of each group whether it has anything on x, and on y, shape (2, G): most have one."""
         some = self.columns.reshape(len(self.columns), 2, -1).any(axis=2)
         return np.logical_or.reduceat(some, self.starts, axis=0).T
+
+    @cached_property
+    def _pairs(self):
+        """Each two columns of a group, shape (2, q), group after group."""
+        out = np.zeros((2, self._pair_start[-1]), int)
+        for d, which in self._by_size:
+            two = each_two(d)
+            out[:, self._pair_start[which][:, None] + np.arange(len(two[0]))] = (
+                self._start[which][:, None] + two[:, None])
+        return out
+
+    @cached_property
+    def _pair_start(self):
+        """First pair of each group, and the end, shape (G + 1,)."""
+        sizes = np.diff(self._start)
+        return np.concatenate(([0], np.cumsum(sizes * (sizes - 1) // 2)))
 
     def on_axis(self, axis):
         """Columns of the groups that have anything on x (0) or y (1), ascending."""
@@ -243,14 +292,12 @@ class CandidateBank:
         Returns
         -------
         Scores
-            Of all groups they are computed once for each fit.
+            Computed once for each fit.
         """
-        if self not in fit.known:
-            scores = self._scored(fit, groups)
-            if groups is not None:
-                return scores
-            fit.known[self] = scores
-        return fit.known[self]
+        key = self if groups is None or self in fit.known else (self, *groups)
+        if key not in fit.known:
+            fit.known[key] = self._scored(fit, groups)
+        return fit.known[key]
 
     def gains_without(self, fit, b, parts):
         """Gains of all groups in the place of parts of what was fitted, at the weights of the fit.
@@ -268,112 +315,142 @@ class CandidateBank:
         ndarray, shape (len(parts), G)
         """
         common = fit.basis.common
-        out = np.zeros((len(parts), max(map(len, parts), default=0), len(common)))
-        for one, part in zip(out, parts):
-            one[:len(part)] = part
-        return self._scored_without(fit, None, out, out @ (common @ fit.noise.whiten(b)))[1]
+        out = np.concatenate([np.zeros((0, len(common))), *parts])
+        parted = np.zeros((len(out), len(parts)))
+        parted[np.arange(len(out)), np.repeat(np.arange(len(parts)), [*map(len, parts)])] = 1.0
+        return self._scored_without(fit, None, out, out @ (common @ fit.noise.whiten(b)),
+                                    parted)[1]
 
     def _scored(self, fit, groups):
-        none = np.zeros((1, 0, len(fit.basis.common)))
-        dof, dbic = self._scored_without(fit, groups, none, none[..., 0])
+        none = np.zeros((0, len(fit.basis.common)))
+        dof, dbic = self._scored_without(fit, groups, none, none.sum(axis=1), np.zeros((0, 1)))
         return Scores(dof[0], dbic[0], self, fit)
 
-    def _scored_without(self, fit, groups, out, onto_out):
+    def _scored_without(self, fit, groups, out, onto_out, parted):
         """`Scores.dof` and `.delta_bic`, shape (m, G), without directions of the model.
 
         Parameters
         ----------
         fit, groups
             As of `score`.
-        out : ndarray, shape (m, p, k)
-            The directions in the basis of the fit, orthonormal or zero.
-        onto_out : ndarray, shape (m, p)
+        out : ndarray, shape (p, k)
+            The directions in the basis of the fit, orthonormal within each part.
+        onto_out : ndarray, shape (p,)
             Their products with the whitened values.
+        parted : ndarray, shape (p, m)
+            1 where a direction is of a part, else 0: each part is left out in its turn.
         """
-        shape = len(out), len(self)
+        shape = parted.shape[1], len(self)
         dof, dbic = np.zeros(shape, int), np.full(shape, -np.inf)
         live = max(np.count_nonzero(fit.weights > LIVE), 2)
         model = np.vstack((fit.basis.common, fit.residual))
         model = model.reshape(len(model), 2, -1).transpose(1, 0, 2)
         within = [of[:-1] @ of.T for of in model]
-        turned, of_axes, rss = out.reshape(onto_out.size, out.shape[2]).T, [], []
+        of_axes, rss = [], []
         for of, one in zip(model, within):  # the directions with each other, and with what is left
-            each, left = out @ one[:, :-1] @ out.transpose(0, 2, 1), out @ one[:, -1]
-            more = left + (each @ onto_out[..., None])[..., 0]
+            each, left = (out @ one[:, :-1] @ out.T) * (parted @ parted.T), out @ one[:, -1]
+            more = left + each @ onto_out
             of_axes.append((each, more))
-            rss.append((of[-1] @ of[-1] + (onto_out * (left + more)).sum(axis=1) + 1e-30)[:, None])
+            rss.append((of[-1] @ of[-1] + (onto_out * (left + more)) @ parted + 1e-30)[:, None])
         for block in self._blocks(groups):
-            first = self._start[block[0]]
-            length, squares, white = self._white(fit, block)
-            with_model = np.zeros((2, len(length), model.shape[1]))
-            for axis, (some, of) in enumerate(white):
-                with_model[axis, some] = of @ model[axis].T
-            onto = with_model.sum(axis=0)[:, :-1]
-            with_out = (onto @ turned).reshape(len(onto), *onto_out.shape)
+            first, first_pair = self._start[block[0]], self._pair_start[block[0]]
+            length, products = self._products(fit, model, block)
+            onto = sum(one for one, _, _ in products)[:, :-1]
+            with_out = onto @ out.T
             beyond = []
-            for one, one_within, (each, more) in zip(with_model, within, of_axes):
+            for (one, _, _), one_within, (each, more) in zip(products, within, of_axes):
                 both = onto @ one_within
                 half, left = one - 0.5 * both, one - both
-                back, left = (left[:, :-1] @ turned).reshape(with_out.shape), left[:, -1:]
-                if out.shape[1]:
-                    left = left + (back * onto_out + with_out * more).sum(axis=2)
-                    back += 0.5 * np.einsum('kmp,mpq->kmq', with_out, each)
+                back, left = left[:, :-1] @ out.T, left[:, -1:]
+                if len(out):
+                    left = left + (back * onto_out + with_out * more) @ parted
+                    back += 0.5 * (with_out @ each)
                 beyond.append((half[:, :-1], left, back))
             for of_size, places in self.by_size(block):
                 at, across = places - first, []
+                d = at.shape[1]
                 onto_model, onto_each = onto[at], with_out[at]
-                for (some, of), square, (half, left, back) in zip(white, squares, beyond):
+                for (_, square, pair), (half, left, back) in zip(products, beyond):
                     own = square[at][..., None]
-                    if at.shape[1] > 1:
-                        own = own * np.eye(at.shape[1])
-                        here = np.flatnonzero(own.any(axis=(1, 2)))
-                        rows = of[np.searchsorted(some, at[here])]
-                        own[here] = rows @ rows.transpose(0, 2, 1)
-                    shared = half[at] @ onto_model.transpose(0, 2, 1)
-                    if out.shape[1]:
-                        shared = shared - np.einsum('gimp,gjmp->mgij', back[at], onto_each)
+                    if d > 1:
+                        own = own * np.eye(d)
+                        i, j = each_two(d)
+                        own[:, i, j] = own[:, j, i] = pair[
+                            (self._pair_start[of_size] - first_pair)[:, None] + np.arange(len(i))]
+                    shared = times_rows(half[at], onto_model)
+                    if len(out):
+                        shared = shared - np.moveaxis(
+                            (back[at][:, :, None] * onto_each[:, None]) @ parted, -1, 0)
                     across.append((own - shared - np.swapaxes(shared, -1, -2),
                                    left[at].transpose(2, 0, 1)[..., None]))
                 left, dof[:, of_size] = reduced_squares(rss, across, length[at])
                 ratios = [np.maximum(one[..., 0] / all_, 1e-12) for one, all_ in zip(left, rss)]
-                gain = -live * np.log(ratios).sum(axis=0) - (
+                gain = -live * np.log(ratios[0] * ratios[1]) - (
                     dof[:, of_size] + self.scan_cost[of_size]) * np.log(live)
                 dbic[:, of_size] = np.where(dof[:, of_size] > 0, gain, -np.inf)
         for g in self._sized if groups is None else np.intersect1d(self._sized, groups):
             for i in np.flatnonzero(dbic[:, g] > 0.0):  # else it is not chosen anyway
-                if not agrees(self.effects[g].size, *self._fitted(g, fit, out[i], onto_out[i])):
+                mine = parted[:, i] > 0.0
+                if not agrees(self.effects[g].size,
+                              *self._fitted(g, fit, out[mine], onto_out[mine])):
                     dbic[i, g] = -np.inf
         return dof, dbic
 
-    def _white(self, fit, groups):
-        """Columns of groups that follow one another (k of them), whitened, beyond those of runs.
+    def _products(self, fit, model, groups):
+        """Sums over rows of whitened columns of groups that follow one another (k of them).
 
         Returns
         -------
         length : ndarray, shape (k,)
-            Before what runs have of their own was taken off.
-        squares : ndarray, shape (2, k)
-            Sums of x and of y, without that.
-        axes : list of (ndarray of int, ndarray of shape (m, n))
-            Of x and y: which have anything there, and these.
+            Of the columns, before what runs have of their own was taken off.
+        axes : list of (ndarray of shape (k, j), (k,), (q,))
+            Of x and y: products with `model`, shape (2, j, n), with themselves, and of each two of
+            one group, one pair of the group after the other.
         """
-        columns = self.columns[self._start[groups[0]]:self._start[groups[-1] + 1]]
-        sizes = np.diff(self._start[groups[0]:groups[-1] + 2])
-        of_axes, length = self._of_axes[:, groups[0]:groups[-1] + 1], None
+        n, noise, length = fit.n, fit.noise, None
+        start, stop = self._start[groups[0]], self._start[groups[-1] + 1]
+        first, last = self._pair_start[groups[0]], self._pair_start[groups[-1] + 1]
         if fit.basis.groups.groups:
-            columns = fit.noise.whiten(columns)
+            columns = noise.whiten(self.columns[start:stop])
             length = np.sqrt(np.einsum('ij,ij->i', columns, columns))
             fit.basis.off_groups(columns)  # it goes from axis to axis
-            of_axes = np.ones_like(of_axes)
-        axes, squares = [], np.zeros((2, len(columns)))
-        for axis, of in enumerate(of_axes):
-            some = np.flatnonzero(np.repeat(of, sizes))
-            white = columns[some, axis * fit.n:(axis + 1) * fit.n]
-            if length is None:
-                white = fit.noise.whiten_axis(axis, white)
-            squares[axis, some] = np.einsum('ij,ij->i', white, white)
-            axes.append((some, white))
-        return np.sqrt(squares.sum(axis=0)) if length is None else length, squares, axes
+        axes = []
+        for axis in (0, 1):
+            out = (np.zeros((stop - start, model.shape[1])), np.zeros(stop - start),
+                   np.zeros(last - first))
+            if length is not None:
+                white, pairs = columns[:, axis * n:(axis + 1) * n], self._pairs[:, first:last]
+                here, there = slice(None), slice(None)
+                pairs = pairs - start
+            else:
+                rows = self._rows_of(axis, start, stop, first, last)
+                here, there, white, pairs = rows.columns, rows.pairs, rows.values, rows.pair
+            if length is None and noise.white:
+                root = noise.root[axis * n:(axis + 1) * n]
+                square = np.square(root)
+                out[0][here] = white @ (model[axis] * root).T
+                out[1][here], out[2][there] = rows.squares @ square, rows.products @ square
+            else:
+                white = white if length is not None else noise.whiten_axis(axis, white)
+                out[0][here] = white @ model[axis].T
+                out[1][here] = np.einsum('ij,ij->i', white, white)
+                out[2][there] = np.einsum('ij,ij->i', white[pairs[0]], white[pairs[1]])
+            axes.append(out)
+        return np.sqrt(axes[0][1] + axes[1][1]) if length is None else length, axes
+
+    def _rows_of(self, axis, *part):
+        """`_AxisColumns` of a part (first and last column and pair) of the bank, on x or y."""
+        key, whole = (axis, *part), part[0] == 0 and part[1] == len(self.columns)
+        if key not in self._known:
+            start, stop, first, last = part
+            some = np.repeat(self._of_axes[axis], np.diff(self._start))[start:stop]
+            n = self.columns.shape[1] // 2
+            rows = _AxisColumns.of(self.columns[start:stop, axis * n:(axis + 1) * n], some,
+                                   self._pairs[:, first:last] - start)
+            if not whole:  # of many rows it would be as much as the columns again
+                return rows
+            self._known[key] = rows
+        return self._known[key]
 
     def _fitted(self, g, fit, out, onto_out):
         """Coefficients of a group beside the model without some directions, and their covariance,
@@ -386,74 +463,8 @@ class CandidateBank:
         coefficients = inverse @ (columns @ residual)
         left = residual - coefficients @ columns
         live = max(np.count_nonzero(fit.weights > LIVE), 2)
-        free = max(2 * live - len(fit.basis) + np.count_nonzero(out.any(axis=1)) - len(columns), 1)
+        free = max(2 * live - len(fit.basis) + len(out) - len(columns), 1)
         return coefficients, inverse * (left @ left) / free
-
-
-def directions(gram):
-    """What makes groups of unit columns orthonormal, of their products beyond the model.
-
-    Parameters
-    ----------
-    gram : ndarray, shape (..., d, d)
-
-    Returns
-    -------
-    factor : ndarray, shape (..., d, d)
-        Zero columns where a group has fewer directions of its own than `DISTINCT` asks for.
-    dof : ndarray of int, shape (...)
-        Directions.
-    """
-    values, vectors = _eigen(gram)
-    keep = values > DISTINCT**2
-    return (vectors * np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)[..., None, :],
-            keep.sum(axis=-1))
-
-
-def _eigen(gram):
-    """As `numpy.linalg.eigh`, which takes ten times as long of many that are this small."""
-    if gram.shape[-1] == 1:
-        return gram[..., 0], np.ones_like(gram)
-    if gram.shape[-1] > 2:
-        return np.linalg.eigh(gram)
-    a, b, c = gram[..., 0, 0], gram[..., 0, 1], gram[..., 1, 1]
-    middle, half = 0.5 * (a + c), 0.5 * (c - a)
-    away, turn = np.hypot(half, b), 0.5 * np.arctan2(b, half)
-    cos, sin = np.cos(turn), np.sin(turn)
-    return (np.stack((middle - away, middle + away), axis=-1),
-            np.stack((cos, sin, -sin, cos), axis=-1).reshape(gram.shape))
-
-
-def _times(a, b):
-    """As `a @ b`, which takes ten times as long of many 1 x 1."""
-    return a * b if a.shape[-1] == 1 else a @ b
-
-
-def reduced_squares(squares, across, length):
-    """Sums of squares of each axis of what is left, with each group in the model too.
-
-    Parameters
-    ----------
-    squares : sequence of ndarray, shape (..., m)
-        Of each axis, without the groups.
-    across : sequence of (ndarray of shape (..., G, d, d), ndarray of shape (..., G, d, m))
-        Of each axis, products of the groups beyond the model with themselves, and with what is
-        left.
-    length : ndarray, shape (..., G, d)
-        Of the columns, before the model took its part.
-
-    Returns
-    -------
-    left : list of ndarray, shape (..., G, m)
-    dof : ndarray of int, shape (..., G)
-    """
-    own, with_left = map(sum, zip(*across))
-    scale = 1.0 / np.where(length > 0.0, length, 1.0)[..., None]
-    factor, dof = directions(own * scale * np.swapaxes(scale, -1, -2))
-    factor = factor * scale
-    fitted = _times(factor, _times(np.swapaxes(factor, -1, -2), with_left))
-    return [square[..., None, :] - (fitted * (2.0 * with_one - _times(of, fitted))).sum(axis=-2)
-            for square, (of, with_one) in zip(squares, across)], dof
 
 
 def agrees(size, coefficients, covariance):

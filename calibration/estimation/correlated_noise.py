@@ -140,6 +140,8 @@ class WhiteNoise:
         1 / sigma of each value, 0 for rows set aside.
     """
 
+    white = True
+
     def __init__(self, root):
         self.root = root
 
@@ -176,6 +178,8 @@ class CorrelatedNoise:
     memory : tuple of AxisNoise
         Of x and y, or of as many axes as there are.
     """
+
+    white = False
 
     def __init__(self, root, sequence, memory):
         n = len(sequence.run)

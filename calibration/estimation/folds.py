@@ -108,26 +108,32 @@ def cross_validate(problem, chosen, folds):
     return out
 
 
-def cross_validate_quickly(problem, chosen, noise, folds):
-    """`cross_validate` with the weights and the noise of a fit to all rows.
+def cross_validate_quickly(problem, chosen, noise, partitions):
+    """`cross_validate` with the weights and the noise of a fit to all rows, in several partitions.
 
     Parameters
     ----------
     problem : SelectionProblem
     chosen : list of CandidateGroup
     noise : WhiteNoise or CorrelatedNoise
-    folds : list of ndarray of int
+    partitions : sequence of list of ndarray of int
+        Folds.
 
     Returns
     -------
-    ndarray, shape (2, n)
+    list of ndarray, shape (2, n)
         Radians; of rows without weight they may be 0.
     """
-    design = problem.design(chosen)
+    design, basis = problem.design(chosen), None
     if not design.groups and isinstance(noise, WhiteNoise):
-        out = _without_each(design.basis(noise), noise, problem.b, folds)
-        if out is not None:
-            return out
+        basis = design.basis(noise)
+    return [_fold_by_fold(problem, chosen, noise, folds) if basis is None or (
+        out := _without_each(basis, noise, problem.b, folds)) is None else out
+        for folds in partitions]
+
+
+def _fold_by_fold(problem, chosen, noise, folds):
+    """`cross_validate_quickly` in one partition, each fold by a fit of its own."""
     whole = problem.only(chosen)
     design, everything = whole.base, np.arange(problem.n)
     out = np.empty((2, problem.n))

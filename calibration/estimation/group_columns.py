@@ -29,6 +29,8 @@ from .correlated_noise import EIGEN, CorrelatedNoise, WhiteNoise
 #: of a row of unit length that those before it do not explain: with more of each none depends on
 #: others
 _SURE = 1e-3
+#: ... and with less it is rounding: the row is one of them
+_NOTHING = 1e-8
 #: of a common column, what must remain beyond those of the groups: below it, it may be rounding
 _LEAST = 1e-5
 #: eigenvalue of a normal matrix of unit columns above which Cholesky's factor is as good
@@ -54,14 +56,29 @@ def orthonormal(rows):
         length = np.sqrt(np.einsum('ij,ij->i', rows, rows))
         rows = rows[length > 0.0] / length[length > 0.0, None]
         if 0 < len(rows) <= rows.shape[1]:
-            from scipy.linalg.lapack import dgeqrf, dorgqr  # slow to import
-            turned, tau, _, _ = dgeqrf(rows.T)  # a tenth of the time of the eigenvalues
-            if np.abs(turned.diagonal()).min() > _SURE:
-                return dorgqr(turned, tau, overwrite_a=1)[0].T
+            basis = _orthonormal_by_qr(rows)  # a tenth of the time of the eigenvalues
+            if basis is not None:
+                return basis
         values, vectors = np.linalg.eigh(rows @ rows.T)
         keep = values > EIGEN * values[-1:]
         rows = (vectors[:, keep] / np.sqrt(values[keep])).T @ rows
     return rows
+
+
+def _orthonormal_by_qr(rows):
+    """`orthonormal` of rows of unit length, none where it is not clear which depend on others."""
+    from scipy.linalg.lapack import dgeqrf, dorgqr, dtrtri  # slow to import
+    for _ in range(2):
+        turned, tau, _, _ = dgeqrf(rows.T)
+        beyond = np.abs(turned.diagonal())
+        if beyond.min() > _SURE:
+            return dorgqr(turned, tau, overwrite_a=1)[0].T
+        if beyond.min() > _NOTHING:  # as in `inverse_root`
+            inverse, bad = dtrtri(turned[:len(rows)])
+            clear = not bad and len(rows) * np.square(np.triu(inverse)).sum() < 1.0 / EIGEN
+            return dorgqr(turned, tau, overwrite_a=1)[0].T if clear else None
+        rows = rows[beyond > _NOTHING]
+    return None
 
 
 def inverse_root(normal, least=EIGEN):

@@ -26,9 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .candidates import largest, reduced_squares
+from .candidates import largest
 from .correlated_noise import AT_ONCE, AxisRows, CorrelatedNoise
 from .group_columns import inverse_root
+from .reduced_squares import reduced_squares, times_rows
 
 #: a group whose score memory inflates by more (variance) is one that such noise can be mistaken
 #: for; with up to a fifth more a p of 0.01 is one of 0.02
@@ -211,8 +212,7 @@ class MemoryTest:
         for i in range(0, len(self._sets), step):
             pair = [of.of(self._sets[i:i + step, axis]) for axis, of in enumerate(axes)]
             plain, each = _likelihoods(pair, live)
-            without = np.maximum(without, plain.max(axis=0))
-            with_it = np.maximum(with_it, each.max(axis=0))
+            without, with_it = np.maximum(without, plain), np.maximum(with_it, each)
         return with_it - without[:, None]
 
 
@@ -324,7 +324,7 @@ def _products(rows, columns, noises, bank, axis, k):
 
 
 def _likelihoods(pair, live):
-    """2 ln L of sets of noises without, (s, m), and with each group, (s, m, G).
+    """Largest 2 ln L of sets of noises without, (m,), and with each group, (m, G).
 
     Parameters
     ----------
@@ -334,25 +334,33 @@ def _likelihoods(pair, live):
         Rows with weight.
     """
     x, y = pair
-    root = inverse_root(x.design + y.design)
+    normal = x.design + y.design
+    first = inverse_root(normal.mean(axis=0))  # beside it all are clear, and need no eigenvalues
+    first = first[:, first.any(axis=0)]
+    root = first @ inverse_root(first.T @ normal @ first)
     inverse = root @ root.transpose(0, 2, 1)
     p = inverse @ (x.design_values + y.design_values)
     left = [of.design_values - of.design @ p for of in pair]  # D r
     squares = [of.values - (p * (of.design_values + rest)).sum(axis=1)
                for of, rest in zip(pair, left)]
-    log_det = (x.log_det + y.log_det)[:, None]
-    out = np.empty((*squares[0].shape, sum(len(which) for which, *_ in x.groups)))
+    # L = (x^2 y^2)^-live / det, so that the least of one product needs no logarithm of each
+    log_det = x.log_det + y.log_det
+    det = np.exp((log_det - log_det[0]) / live)[:, None]
+    # of many values at a time six digits do
+    kind = np.float32 if p.shape[2] > 1 else np.float64
+    out = np.empty((p.shape[2], sum(len(which) for which, *_ in x.groups)))
     for (which, *gx), (_, *gy) in zip(x.groups, y.groups):
-        onto = (gx[1] + gy[1]) @ inverse[:, None]
+        sets, count, d, k = gx[1].shape
+        onto = (gx[1] + gy[1]).reshape(sets, -1, k) @ inverse
         across = []  # of what the design leaves of each group: with itself, and with r
         for of, (own, design, values), rest in zip(pair, (gx, gy), left):
-            shared = design @ onto.transpose(0, 1, 3, 2)
-            across.append((own - shared - shared.transpose(0, 1, 3, 2)
-                           + onto @ of.design[:, None] @ onto.transpose(0, 1, 3, 2),
-                           values - design @ p[:, None] - onto @ rest[:, None]))
+            design = design.reshape(onto.shape)
+            half = (design - 0.5 * (onto @ of.design)).reshape(sets, count, d, k)
+            shared = times_rows(half, onto.reshape(half.shape))
+            across.append((own - shared - np.swapaxes(shared, -1, -2), (
+                values - (design @ p + onto @ rest).reshape(values.shape)).astype(kind)))
         length = np.sqrt(np.diagonal(gx[0] + gy[0], axis1=2, axis2=3))
-        reduced, _ = reduced_squares(squares, across, length)
-        out[:, :, which] = -live * sum(np.log(np.maximum(of, 1e-300)) for of in reduced).transpose(
-            0, 2, 1)
-    plain = -live * sum(np.log(np.maximum(square, 1e-300)) for square in squares)
-    return plain - log_det, out - log_det[..., None]
+        (reduced, other), _ = reduced_squares(squares, across, length)
+        out[:, which] = (reduced * (other * det[..., None].astype(kind))).min(axis=0).T
+    plain = (squares[0] * squares[1] * det).min(axis=0)
+    return (-live * np.log(np.maximum(of, 1e-300)) - log_det[0] for of in (plain, out))

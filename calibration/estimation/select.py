@@ -26,16 +26,14 @@ in each fold of its cross-validation.
 
 import numpy as np
 
-from pointing_model.rms import radial_arcsec
-
 from .candidates import CandidateGroup, best_of, largest
 from .chance import ChanceTest
-from .folds import cross_validate_quickly
 from .group_columns import orthonormal
-from .linear_model import DISTINCT, LIVE
+from .linear_model import DISTINCT
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
-from .significance import SET_WIDTH, beside_memory, significance
+from .settlement import settled
+from .significance import SET_WIDTH, beside_memory
 
 #: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
 #: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
@@ -266,7 +264,14 @@ def _in_place(problem, choice):
     -------
     dict of CandidateGroup to ndarray of shape (G,)
     """
-    design, fit, parts = problem.design(choice.chosen).common, choice.fit, {}
+    fit, key = choice.fit, (_in_place, tuple(choice.chosen), choice.held)
+    if key not in fit.known:  # a search without what was given up begins as the one before
+        fit.known[key] = _gains_in_place(problem, choice, fit)
+    return fit.known[key]
+
+
+def _gains_in_place(problem, choice, fit):
+    design, parts = problem.design(choice.chosen).common, {}
     white = fit.noise.whiten(design)
     length, white = np.sqrt(np.square(white).sum(axis=1)), white @ fit.basis.common.T
     stop = len(design)
@@ -401,89 +406,3 @@ def _bic_between(small, large):
     w = np.concatenate((large.weights, large.weights))
     rss = [(w * s.raw**2).reshape(2, n).sum(axis=1) + 1e-60 for s in (small, large)]
     return float(n * np.log(rss[0] / rss[1]).sum())
-
-
-def settled(problem, choice, alpha, chance, partitions, alone=False):
-    """Test each of a choice with all others in the model, and drop until all of them hold.
-
-    Parameters
-    ----------
-    problem, alpha, chance, partitions
-        As of `choose`.
-    choice : ModelChoice
-        Is changed.
-    alone : bool
-        Whether it is not asked what could stand in the place of each; of a part it never is.
-
-    Returns
-    -------
-    ModelChoice
-    """
-    failing = []
-    while True:
-        weakest, failing = _weakest(problem, choice, alpha, chance, alone or chance.of_part,
-                                    failing)
-        if weakest is not None:
-            choice.dropped.append(choice.chosen.pop(weakest))
-        else:
-            choice.gains = list(np.min([_gains(problem, choice, folds) for folds in partitions],
-                                       axis=0)) if partitions and choice.chosen else []
-            if min(choice.gains, default=1.0) > 0.0:
-                break
-            worst = int(np.argmin(choice.gains))
-            choice.dropped_by_cv.append(choice.chosen[worst])
-            choice.chosen = choice.without(worst)
-        choice.fit = problem.plain.fit(choice.chosen)
-    choice.significances = significances(problem, choice, alpha, chance, alone or chance.of_part)
-    return choice
-
-
-def significances(problem, choice, alpha, chance, alone=False):
-    """`Significance` of each of a choice; parameters as of `settled`."""
-    return [significance(problem, choice, i, chance, alpha, alone)
-            for i in range(len(choice.chosen))]
-
-
-def _weakest(problem, choice, alpha, chance, alone, failing):
-    """Which of a choice does not hold beside the others, of several the likeliest by chance.
-
-    Those that failed before are asked first.
-
-    Returns
-    -------
-    weakest : int or None
-    failing : list of CandidateGroup
-        Others that do not hold.
-    """
-    for asked in (failing, choice.chosen):
-        weakest, most, failing = None, -1.0, []
-        for i in reversed(range(len(choice.chosen))):
-            one = choice.chosen[i]
-            # an effect stays while it changes: in the middle of the night it may be small
-            if one not in asked or one.changes(choice.chosen):
-                continue
-            found = significance(problem, choice, i, chance, alpha, alone, most)
-            if found.p > alpha or found.delta_bic <= 0.0:
-                failing.append(one)
-                if found.p > most:
-                    weakest, most = i, found.p
-                if most >= 1.0:
-                    break
-        if weakest is not None:
-            break
-    return weakest, [one for one in failing if one != choice.chosen[weakest]]
-
-
-def _gains(problem, choice, folds):
-    """What each takes off the RMS of rows left out, the others being in the model, arcsec, (k,).
-
-    Of an effect of one axis the RMS of that axis counts: what it does there must hold there.
-    """
-    keep, noise = choice.fit.weights > LIVE, choice.fit.noise
-    whole = cross_validate_quickly(problem, choice.chosen, noise, folds)
-    out = []
-    for i, one in enumerate(choice.chosen):
-        less = cross_validate_quickly(problem, choice.without(i), noise, folds)
-        axes = {'az': [0], 'el': [1]}.get(one.effect(problem).axes, [0, 1])
-        out.append(radial_arcsec(less[axes], keep) - radial_arcsec(whole[axes], keep))
-    return np.array(out)

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .candidates import TIE
 from .linear_model import DISTINCT, contained, overlap
 from .memory_test import MemoryMask
 
@@ -143,7 +144,8 @@ def _equals(problem, choice, i, bank, g, scores):
               if j != i and (c.curve, c.period, c.of is None) == (
                   one.curve, one.period, one.of is None)}
     limit, lines, near = scores.delta_bic.max() - SET_WIDTH, {int(bank.line[g])}, []
-    for other in np.argsort(-scores.delta_bic):
+    # of two names of one curve the first, whatever the rounding
+    for other in np.argsort(-np.round(scores.delta_bic / TIE), kind='stable'):
         if scores.delta_bic[other] < max(limit, 0.0):
             break
         if other != g and other not in others and int(bank.line[other]) not in lines:

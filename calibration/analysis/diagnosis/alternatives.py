@@ -28,10 +28,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.estimation.candidates import CandidateGroup
+from calibration.estimation.candidates import TIE, CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.linear_model import LIVE
-from calibration.estimation.select import affordable, choose, search, settled, significances
+from calibration.estimation.select import affordable, choose, search
+from calibration.estimation.settlement import settled, significances
 from calibration.estimation.significance import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word
@@ -287,7 +288,7 @@ def _take_in(choice, i, models):
             own.others[group] = [c for c in model.choice.chosen if c != model.one]
             if n > 0:
                 own.larger[group] = n, max(-model.behind, 0.0)
-    own.equals.sort(key=lambda k: -own.every[k])
+    own.equals.sort(key=lambda k: -np.round(own.every[k] / TIE))
 
 
 @dataclass

@@ -19,6 +19,7 @@ from pathlib import PurePath
 
 import numpy as np
 
+from calibration.estimation.candidates import TIE
 from calibration.estimation.linearisation import Linearisation
 from calibration.estimation.significance import SET_WIDTH
 from calibration.rows import OUTLIER
@@ -339,7 +340,8 @@ def cause_entry(e, delta_bic, names=None):
 def _causes(effects, delta_bic, groups):
     """`DiagnosedEffect.causes` of groups."""
     out = {}
-    for k in sorted(groups, key=lambda k: -delta_bic[k]):
+    # of equals the found one is first, whatever the rounding
+    for k in sorted(groups, key=lambda k: -np.round(delta_bic[k] / TIE)):
         e = effects[k]
         one = out.setdefault(e.cause_summary, cause_entry(e, float(delta_bic[k]), ()))
         if e.name not in one['effects']:

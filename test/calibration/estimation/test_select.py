@@ -35,8 +35,9 @@ from calibration.estimation.folds import (
 )
 from calibration.estimation.group_columns import Basis, GroupColumns, orthonormal
 from calibration.estimation.linear_model import overlap, weighted_fit
-from calibration.estimation.select import choose, search, settled
+from calibration.estimation.select import choose, search
 from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
+from calibration.estimation.settlement import settled
 from calibration.estimation.significance import significance
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
@@ -246,8 +247,8 @@ def test_cross_validation_tells_gain_from_decoration():
                            for c in ([], [good], [good, idle]))
     assert better < 0.7 * plain and more > better
     # with the weights of all rows: as good as fitted anew
-    quick = cross_validate_quickly(problem, [good], problem.plain.fit([good], final=True).noise,
-                                   folds)
+    quick, = cross_validate_quickly(problem, [good], problem.plain.fit([good], final=True).noise,
+                                    [folds])
     assert np.mean(quick**2) == pytest.approx(better, rel=0.02)
     found = choose(problem, 0.01, Chance(60, 499, np.random.default_rng(3)), [folds])
     assert [c.effect(problem).form for c in found.chosen] == ['hysteresis']
