@@ -161,7 +161,7 @@ def _one_effect(table, args, rng, kind, names, what, sizes):
     table.row(label + 'true one in the set', _share(in_set, count), '' if kind else '>= 98 %',
               good=None if kind else in_set >= 0.98 * count)
     if kind:
-        table.row(label + 'in it, or named beside a drift', _share(drift, count))
+        table.row(label + 'in it, or named beside a drift', _share(drift, count), '')
     table.row(label + 'top of the ranking, classes as one', _share(class_top, count),
               '' if kind else '>= 95 %', f'by name alone {100.0 * top / count:.1f} %',
               None if kind else class_top >= 0.95 * count)
