@@ -24,6 +24,7 @@ from pointing_model.mount_kinds import USUAL, kind_of
 from .cause_wording import open_causes, short_cause, still_open
 from .error_table import ErrorLine
 from .figure_wording import STAYS, best_pair, way_size
+from .noise_wording import cause_words
 from .observation_wording import place_words, proposals
 from .period_wording import PHASE
 from .row_wording import bad_nights, far_text, left_out_lines
@@ -131,7 +132,7 @@ def _cautions(document):
     if noise.get('slow') and not slow_is_largest(document) and document['verdict'] != 'wanders':
         size = noise.get('removes_rms_arcsec')
         out.append('Correlated noise' + (f', {arcsec(size)} RMS' if size else '')
-                   + ', remains; its cause is unknown.')
+                   + f', remains{cause_words(noise)}.')
     repeats = [_repeats(document, row) for row in document['effects']]
     if document['verdict'] not in STAYS and repeats and all(
             found is not None and 2 * found < folds for found, folds in repeats):

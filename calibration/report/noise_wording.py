@@ -88,6 +88,12 @@ def explanation(effects):
     return f'something that changes with {" or ".join(drivers)}' if drivers else ''
 
 
+def cause_words(entry):
+    """What correlated noise may be, after "correlated noise": a drift, or what explains it."""
+    explained = explanation(entry.get('explained_by', ()))
+    return f': a drift, or {explained}' if explained else '; its cause is unknown'
+
+
 def _distance(axis):
     """How far apart the rows of an axis are of which is said how they differ."""
     if axis['unit'] == 'rows':

@@ -23,7 +23,7 @@ from .cause_wording import counted, first_check, open_causes
 from .diagnosis_wording import limit_words
 from .figure_wording import STAYS, best_pair, beyond, figures_sentence, repeat_sentence, way
 from .fit_wording import implausible_term
-from .noise_wording import correlation_sentence, drift_words, explanation
+from .noise_wording import cause_words, correlation_sentence, drift_words, explanation
 from .observation_wording import next_sentence
 from .raw_error_wording import raw_error_sentence
 from .row_wording import bad_nights, outlier_sentence, worst_sentence
@@ -145,7 +145,8 @@ def short_headline(document, effects):
     text += f' ({first.stability})' * bool(first.stability)
     if slow_is_largest(document):
         size = arcsec(document['wander']['removes_rms_arcsec'])
-        return f'Correlated noise, {size} RMS, is the largest error; its cause is unknown. {text}.'
+        return (f'Correlated noise, {size} RMS, is the largest error'
+                f'{cause_words(document["wander"])}. {text}.')
     count = len(effects)
     which = 'The only error' if count == 1 else f'Largest of {counted(count, "error")}'
     return f'{text}. {which}{_beyond_terms(document) or " found"}.'

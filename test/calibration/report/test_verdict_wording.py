@@ -26,7 +26,7 @@ from calibration.report.figure_wording import (
     repeat_sentence,
     way,
 )
-from calibration.report.noise_wording import explanation
+from calibration.report.noise_wording import cause_words, explanation
 from calibration.report.observation_wording import (
     next_sentence,
     no_star_sentences,
@@ -58,7 +58,9 @@ def test_what_explains_a_drift_as_well_is_named():
     curve = effect('smooth', axis='el', driver='temperature', shape='sawtooth', start=0.2,
                    period=0.4)
     assert like(curve) == 'something that changes with the temperature'
-    assert like() == ''
+    assert like() == '' and cause_words({}) == '; its cause is unknown'
+    assert cause_words({'explained_by': [{'cause': 'a: b', 'driver': 'time', 'curve': False}]}) \
+        == ': a drift, or "a: b"'
 
 
 def test_the_headline_says_what_is_wrong_and_what_remains():
