@@ -74,7 +74,7 @@ def test_help_imports_nothing_that_takes_time():
     (('night', '--polaris', '1'), 'whole number, 2 to 5000'),
     (('night', '--latitude', '95'), 'must be -90 to 90 degrees'),
     (('night', '--latitude', 'nan'), 'must be -90 to 90 degrees'),
-    (('night', '--height', '1e9'), 'must be -500 to 9000 m'),
+    (('night', '--height', '1e9'), 'must be -500 to 10000 m'),
     (('night', '--seed', '-1'), 'whole number'),
     (('night', '--domain', '102'), 'whole number, 0 to 101'),
     (('night', '--time-scale', '-1'), 'must be 0 to 1000'),
