@@ -408,10 +408,10 @@ class NodeExecutor(Executor):
             self._changed = True  # its group leaves the wait set
 
     def _step(self, task):
-        """Begin or go on with a task; whether it came to its end."""
-        if not task.done():
+        """Begin or go on with a task; whether it came to its end, or was cancelled."""
+        if not (task.done() or task.cancelled()):
             task()
-        if not task.done():
+        if not (task.done() or task.cancelled()):  # one that is cancelled is never done
             self._waiting.append(task)
             return False
         self._end(task)

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parts of a page, as data: what is said and shown. `page_html` draws them.
+"""Parts of a page, as data: `page_html` draws them.
 
-A part may be text, which is told as it is, a list of parts, or None: nothing. What has nothing in
+A part may be text, which is shown as it is, a list of parts, or None: nothing. What has nothing in
 it is left out with its heading.
 """
 

@@ -165,22 +165,22 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
     cx, cy = float(panel.x(0.0)), float(panel.y(0.0))
     panel.parts.append(f'<path class="zero" d="M{cx:.1f} {panel.top}v{panel.height}"/>')
     size = float(rms(x, y)) if len(x) else None
-    what, told = f'{what[:1].upper()}{what[1:]}: ', f' RMS, {len(x)} rows.'
+    what, rest = f'{what[:1].upper()}{what[1:]}: ', f' RMS, {len(x)} rows.'
     if noise is not None and noise > 0.0:
         panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
                            f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
         inside = float(np.mean(np.hypot(x, y) <= noise))
-        told += (f' {100 * inside:.0f} % within {arcsec(noise)}, dashed '
+        rest += (f' {100 * inside:.0f} % within {arcsec(noise)}, dashed '
                  f'(noise alone: {100 * _WITHIN:.0f} %).')
     if draw is None:
         panel.points(x, y, when)
     else:
         draw(panel)
-    drawing = svg(400, 384, panel.parts, f'Target plot. {what}{arcsec(size)}{told}',
+    drawing = svg(400, 384, panel.parts, f'Target plot. {what}{arcsec(size)}{rest}',
                   'link' if draw else '')
     # of what is linked a refit changes the RMS
     size = page.Size(size, when if draw and len(x) else '')
-    return page.Figure(drawing, (what, size, told), when)
+    return page.Figure(drawing, (what, size, rest), when)
 
 
 def _marks(panel, x, y, data, when, linked=True, axes=(None, None)):

@@ -214,12 +214,10 @@ def place_of(args):
     """
     from dataclasses import replace
 
-    from msg_tools.units import DEG
     from pointing_model.sky.air import DEFAULT_WEATHER
-    from pointing_model.sky.site import Site
-    site = {name: value * unit for name, value, unit in (
-        ('latitude', args.latitude, DEG), ('longitude', args.longitude, DEG),
-        ('height', args.height, 1.0)) if value is not None}
+    from pointing_model.sky.site import SITE, Site
+    site = {one.field: getattr(args, one.field) * one.size for one in SITE.values()
+            if getattr(args, one.field) is not None}
     Site(**site)  # refuses what is out of range
     weather = _given(pressure_hpa=args.pressure, temperature_c=args.temperature)
     return _given(azimuth_origin=args.azimuth_origin, mount=args.mount, site=site or None,

@@ -200,6 +200,21 @@ def test_a_task_runs_in_the_thread_that_spins(graph):
     assert failing.done()
 
 
+def test_a_task_that_is_cancelled_leaves_its_group_to_others(graph, node):
+    got, group = [], MutuallyExclusiveCallbackGroup()
+
+    async def waits():
+        await Future()
+
+    first = node.create_timer(0.001, waits, callback_group=group)
+    graph.wait_for(lambda: graph.executor._waiting, 'the timer to wait')
+    first.cancel()
+    node.create_timer(0.001, lambda: got.append('second'), callback_group=group)
+    graph.executor._waiting[0].cancel()
+    graph.wait_for(lambda: got)
+    assert not graph.executor._waiting
+
+
 def test_a_timer_that_a_callback_before_it_cancels_or_destroys(graph, node):
     # what is ready was found before: neither may be called for it
     timers, got = [], []

@@ -14,6 +14,7 @@
 
 """The command line: good input, and every kind of bad input with one line and code 2."""
 
+import argparse
 import signal
 import subprocess
 import sys
@@ -27,8 +28,10 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
+from pointing_model.sky.air import AIR
+from pointing_model.sky.site import SITE
 from telescope_mount import domain
-from telescope_mount.commands import COMMANDS, fit
+from telescope_mount.commands import COMMANDS, fit, options
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 
@@ -96,6 +99,17 @@ def test_help_imports_nothing_that_takes_time():
 def test_bad_options_are_one_line(refused, monkeypatch, tmp_path, words, text):
     monkeypatch.chdir(tmp_path)  # a night beside it would be found
     assert text in refused(*words)
+
+
+def test_options_of_a_site_have_its_ranges():
+    # they are written out there, as a command that asks for none imports nothing
+    for name, one in {**SITE, 'pressure_hpa': AIR['pressure_hpa'],
+                      'temperature_c': AIR['temperature_c']}.items():
+        read = options.SHARED[name.split('_')[0]]['type']
+        assert [read(f'{value}') for value in (one.low, one.high)] == [one.low, one.high]
+        for value in (one.low - 1.0, one.high + 1.0):
+            with pytest.raises(argparse.ArgumentTypeError):
+                read(f'{value}')
 
 
 def test_git_ignores_what_is_written_by_default():
