@@ -160,7 +160,8 @@ class CandidateBank:
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
         self._known = {}
         # what was scanned, in parameters
-        self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects], int)
+        self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects],
+                                  float)
         names = {}
         self.line = np.array([names.setdefault(e.line, len(names)) for e in self.effects], int)
         #: of each share of the false alarms the groups that have it

@@ -204,7 +204,7 @@ class PeriodBank(CandidateBank):
         self.column_sine = np.tile([0.0, 1.0], len(self.column_group) // 2)
         self._start = np.concatenate(([0], np.cumsum(sizes)))
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
-        self.scan_cost = np.ones(shapes * count, int)
+        self.scan_cost = np.ones(shapes * count)
         self.by_chance, self._sized, self.near, self._tuned = {}, [], None, 0
         self.shares = {_SHARE: np.flatnonzero(np.concatenate(
             [empty.astype(bool), *(one.seen(one.rates) for one in scans)]))}

@@ -116,8 +116,8 @@ class Effect:
         Effects that share it are one cause, and no rivals of each other.
     scan : str or None
         Members of one scan (unknown time of a step, ...) share this name: one of them is meant.
-    scanned : int
-        Parameters that the scan tries: each costs an extra ln n.
+    scanned : float
+        Parameters that the scan tries: each costs an extra ln n; a choice among few costs less.
     searched : tuple of str
         Names of these parameters: what is found is refined between the members that are tried next
         to it.
@@ -156,7 +156,7 @@ class Effect:
     alias: str | None = None
     mechanism: str | None = None
     scan: str | None = None
-    scanned: int = 1
+    scanned: float = 1
     searched: tuple = ()
     share: str = 'dictionary'
     kind: str = 'effect'

@@ -28,13 +28,13 @@ from .base import Effect, Offer, arcsec, effect, form, single_rows
 
 _TURN = 2.0 * np.pi
 #: places of a flop that are tried, and play between both ways that is, rad
-_FLOPS, _PLAYS = 24, (5.0 * DEG, 10.0 * DEG, 15.0 * DEG)
+_FLOPS, _PLAYS = 48, (5.0 * DEG, 10.0 * DEG, 15.0 * DEG)
 #: rows on either side of a flop, and within a bump, at least
 _FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
 #: 1-sigma widths of a bump that are tried, rad; equal joints in a turn
 _WIDTHS, _JOINTS = (2.0 * DEG, 4.0 * DEG, 8.0 * DEG), (3, 4, 6, 8, 12)
 #: from one place to the next, and within what a row counts as in the bump, in widths
-_SPACING, _WITHIN = 1.5, 1.5
+_SPACING, _WITHIN = 1.0, 1.5
 _LOOK_AT_MIRROR = 'supports and lock of the mirror, supports of the secondary, the focuser'
 
 

@@ -28,6 +28,8 @@ ORDERS = range(3, 9)
 #: how a wave of the first angle may go with the second that is no nod, wobble or line of sight
 _PARTNERS = {'sin 2{e}': lambda t: 2.0 * t.sin_el * t.cos_el, 'cos {e}': lambda t: t.cos_el,
              'sin {e}': lambda t: t.sin_el}
+#: price of one of three, 2 ln 3, in ln n of some 60 rows: a nod has orders, too, and pays none
+_CHOICE = 0.5
 #: TPOINT's letters of results, of `MountKind.tpoint`
 _RESULTS = {'az': 0, 'el': 1, 'sky': 3}
 
@@ -83,7 +85,7 @@ def _nod_unlike(order, partner, mount=USUAL):
                   f'a wave of the {names.word("az")}, {times(k)}, times {how}',
                   f'something that turns with the {names.word("az")} and is no nod '
                   f'({times(k)}, as {how})', only_shape=True,
-                  scan=f'nod unlike {partner}', share='scans')
+                  scan=f'nod unlike {partner}', scanned=_CHOICE, share='scans')
 
 
 def propose(context, lacking, own):

@@ -31,14 +31,19 @@ _CAGE = (0.35, 0.6)
 #: travel from which a cage is told from what repeats each turn, and from which a cable's pull is,
 #: in turns
 _TRAVEL, _WOUND = 1.2, 0.75
+#: in an axis, or how the axis leans
+_WAYS = ('el', 0), ('az', 0), ('lean', 1), ('lean', -1), ('lean', 0)
 #: phase at the ends of the travel from one ratio to the next that is tried, turns
 _SPACING = 0.08
 _ANGLE = 'unwrapped_az'
 
 
 @form
-def _bearing_cage(ratio, how, mount=USUAL):
-    """`how`: 'el' or 'az', the axis in which it shows, or 'lean', the axis leans all round."""
+def _bearing_cage(ratio, how, turn=0, mount=USUAL):
+    """`how`: 'el' or 'az', the axis in which it shows, or 'lean', the axis leans all round.
+
+    It leans by as much all round, with the cage or against it (`turn` 1, -1), or along an ellipse.
+    """
     names = KINDS[mount]
     shaft, a, e = names.shaft('az'), *names.letters
 
@@ -47,9 +52,13 @@ def _bearing_cage(ratio, how, mount=USUAL):
         waves = np.cos(way), np.sin(way)
         if how != 'lean':
             return [on_axis(how, one, c.trig.cos_el) for one in waves]
-        return [*((0.0, one) for one in waves), *((one * c.trig.sin_el, 0.0) for one in waves)]
+        up, across = waves, [one * c.trig.sin_el for one in waves]
+        if turn:
+            return [(turn * across[1], up[0]), (-turn * across[0], up[1])]
+        return [*((0.0, one) for one in up), *((one, 0.0) for one in across)]
 
-    names_of = {'lean': ('el_cos', 'el_sin', 'az_cos', 'az_sin')}.get(how, ('cos', 'sin'))
+    names_of = ('el_cos', 'el_sin', 'az_cos', 'az_sin') if how == 'lean' and not turn else (
+        'cos', 'sin')
     return Effect(f'bearing_cage_{how}', f'the bearing of the {shaft} has a wave that turns with '
                   'its cage, not with the axis',
                   f'cos, sin of {ratio:.3f} {a}, {a} counted in turns'
@@ -66,23 +75,32 @@ def _bearing_cage(ratio, how, mount=USUAL):
 
 
 @form
-def _cable_drag(axis, middle, half, mount=USUAL):
-    """A line of the unwrapped angle, and a wave over its range, held at the ends."""
+def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
+    """A line of the unwrapped angle and its cube over the travel, held at the ends.
+
+    `slack`: the cables pull least elsewhere than in the middle of the travel, which takes a square.
+    """
     names = KINDS[mount]
     shaft, turns = names.shaft('az'), half * 2.0 / _TURN
 
+    def curves(u):
+        return [u, *[u**2 - 1.0 / 3.0][:slack], u**3 - 0.6 * u]
+
     def of(c):
         u = np.clip((c.get(_ANGLE) - middle) / half, -1.0, 1.0)
-        return [on_axis(axis, one, c.trig.cos_el)
-                for one in (u, u**3 - 0.6 * u)]
+        return [on_axis(axis, one, c.trig.cos_el) for one in curves(u)]
+
+    def travel(amount):
+        return float(np.ptp(amount.values @ np.array(curves(np.linspace(-1.0, 1.0, 201)))))
 
     return Effect(f'cable_drag_{names.key(axis)}',
                   f'cables drag: the {names.word(axis)} error grows as the {shaft} winds them up',
-                  f'{names.letter("az")} counted in turns: a line, and its cube',
+                  f'{names.letter("az")} counted in turns: a line, ' + 'its square ' * slack
+                  + 'and its cube',
                   # a spring that stiffens; a wave over the range is that of a disc off its centre
-                  _ANGLE, axis, ('line', 'cube'), of,
+                  _ANGLE, axis, ('line', *['square'][:slack], 'cube'), of,
                   lambda amount: f'The {names.word(axis)} error follows how far the {shaft} has '
-                  f'wound up its cables, {arcsec(2.0 * abs(amount.values[0]))} over the '
+                  f'wound up its cables, {arcsec(travel(amount))} over the '
                   f'{turns:.1f} turns of this run',
                   f'cables and hoses of the {shaft} at both ends of its travel: their wrap, slack '
                   'and weight',
@@ -99,12 +117,13 @@ def propose(context, lacking, own):
         f'{_TRAVEL:g} on a cage is separable from what repeats each turn'))
     ratios = np.linspace(*_CAGE, int(np.ceil((_CAGE[1] - _CAGE[0]) * turns / _SPACING)) + 1)
     yield Offer('bearing_cage', [] if cage else [
-        effect('bearing_cage', ratio=float(ratio), how=how)
-        for how in ('el', 'az', 'lean') for ratio in ratios], 'cage of the bearing', cage)
+        effect('bearing_cage', ratio=float(ratio), how=how, turn=turn)
+        for how, turn in _WAYS for ratio in ratios], 'cage of the bearing', cage)
     drag = reason or (None if turns >= _WOUND else (
         f'the {context.mount.names.word("az")} readings go over {360.0 * turns:.0f}° only'))
     middle, half = (0.0, 1.0) if drag else (
         float(0.5 * (values.min() + values.max())), float(0.5 * np.ptp(values)))
     yield Offer('cable_drag', [] if drag else [
-        effect('cable_drag', axis=axis, middle=middle, half=half) for axis in AXES],
+        effect('cable_drag', axis=axis, middle=middle, half=half, slack=slack)
+        for axis in AXES for slack in (False, True)],
         'cable drag', drag)

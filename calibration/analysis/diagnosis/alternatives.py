@@ -236,7 +236,7 @@ def bic_behind(problem, first, second):
     misfit, (size, other), live = likelihood_ratio(
         problem.b, [problem.design(one.chosen) for one in (first, second)],
         [plain.fit(one.chosen, one.fit.weights) for one in (first, second)])
-    scanned, others = (sum(int(c.bank(problem).scan_cost[c.group]) for c in one.chosen)
+    scanned, others = (sum(float(c.bank(problem).scan_cost[c.group]) for c in one.chosen)
                        for one in (first, second))
     return misfit + (other + others - size - scanned) * float(np.log(live))
 
