@@ -55,7 +55,8 @@ from diagnosis_nights import (
 )
 
 from calibration.analysis.diagnosis import Base, diagnose
-from calibration.analysis.diagnosis.diagnosis_base import observations
+from calibration.analysis.diagnosis.exact_models import exact_fit, exact_model
+from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.group_columns import orthonormal
@@ -253,8 +254,8 @@ def _knew(train, test, name):
     # of the times of a step the best
     chosen = [CandidateGroup(max((i for i, e in enumerate(bank.effects) if e.name == name),
                                  key=lambda i: gain[i]))]
-    fitted = run.exact_fit(chosen, run.problem.fit(chosen, final=True).noise)
-    return _radial(run.model(fitted, chosen)[0], test)
+    fitted = exact_fit(run, chosen, run.problem.fit(chosen, final=True))
+    return _radial(exact_model(run, fitted, chosen)[0], test)
 
 
 def outside(table, args, rng, size=10.0):

@@ -43,7 +43,8 @@ from equatorial_runs import (
 from scipy.spatial.transform import Rotation
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.diagnosis_base import Base, observations
+from calibration.analysis.diagnosis.base_terms import Base
+from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.prediction import predictive_model
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.analysis.diagnosis.validation import nested

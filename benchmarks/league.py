@@ -54,7 +54,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis.diagnosis_base import Base, observations
+from calibration.analysis.diagnosis.base_terms import Base
+from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.prediction import prediction_problem
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.analysis.diagnosis.validation import nested

@@ -30,7 +30,8 @@ import argparse
 
 import numpy as np
 
-from calibration.analysis.diagnosis.diagnosis_base import Base, observations
+from calibration.analysis.diagnosis.base_terms import Base
+from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.prediction import prediction_problem, predictive_model
 from calibration.estimation.folds import contiguous_folds, random_folds
 from calibration.estimation.predictor import rows_left_out

@@ -26,6 +26,7 @@ from pointing_model.rms import Rms
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO
 
+from .diagnosis.base_terms import Base
 from .diagnosis.implausible_terms import suspicious
 from .diagnosis.input_check import ColumnCheck, check_columns
 from .diagnosis.residual_patterns import (
@@ -36,7 +37,8 @@ from .diagnosis.residual_patterns import (
     visit_findings,
 )
 from .diagnosis.row_counts import excluded_of_fit, fit_row_counts
-from .diagnosis.sessions import arrange, at_steps
+from .diagnosis.session_starts import at_steps
+from .diagnosis.sessions import arrange
 from .external_check import checked_by_halves
 from .finding import Finding
 from .fit_result import FitResult
@@ -145,7 +147,7 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
         run = settled_run
     source = {'source': str(source or run.meta.get('source', ''))}
     if sessions != 0.0:
-        run = arrange(run, '+'.join(terms), run.mount.names.index, sessions, encoder,
+        run = arrange(run, Base(terms), run.mount.names.index, sessions, encoder,
                       least_step=0.0).runs[0]
     own = sessions != 0.0 and 'run' in run and len(np.unique(run['run'])) > 1
     how = {'robust': robust, 'encoder': encoder, 'run_zeros': own, **solver}
@@ -174,7 +176,7 @@ def _patterns(run, result, terms, how):
     rows = ResidualRows.from_fit(run, result, how['encoder'])
     out = visit_findings(rows, rows.visits(terms))
     if not how['run_zeros'] and out and out[0].kind == STEP:
-        split = at_steps(run, '+'.join(terms), how['encoder'])
+        split = at_steps(run, terms, how['encoder'])
         after = fit_terms(split, terms, **{**how, 'run_zeros': True})
         out = [replace(out[0], before=result.rms_arcsec().radial,
                        after=after.rms_arcsec().radial)]

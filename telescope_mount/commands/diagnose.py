@@ -148,7 +148,7 @@ def _run(args):
 def _base_file(text, mount):
     """The model file that declares the base, if ``--base`` names one."""
     if '/' not in text and not Path(text).suffix:
-        from calibration.analysis.diagnosis.diagnosis_base import Base
+        from calibration.analysis.diagnosis.base_terms import Base
         try:
             Base.parse(text, mount=mount)
             return None

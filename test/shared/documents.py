@@ -16,7 +16,7 @@
 
 import numpy as np
 
-from calibration.analysis.diagnosis.diagnosis_result import diagnosed_effect
+from calibration.analysis.diagnosis.effect_causes import diagnosed_effect
 from calibration.estimation.significance import Significance
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect

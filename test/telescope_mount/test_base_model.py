@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from calibration.analysis.base_model import BaseModel
-from calibration.analysis.diagnosis.diagnosis_base import observations
+from calibration.analysis.diagnosis.observations import observations
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect

@@ -16,7 +16,7 @@
 
 from importlib import import_module
 
-_PLACES = {'Base': 'diagnosis_base', 'DiagnosedEffect': 'diagnosis_result',
+_PLACES = {'Base': 'base_terms', 'DiagnosedEffect': 'effect_causes',
            'Diagnosis': 'diagnosis_result',
            'MistakenColumns': 'input_check', 'ColumnCheck': 'input_check',
            'check_columns': 'input_check', 'diagnose': 'diagnosis'}

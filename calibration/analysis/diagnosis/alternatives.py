@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Alternatives to what was found: whole models, what the choice left open, and each cause's model.
+"""Alternatives to what was found: whole models, and what the choice left open.
 
 What else is in the model was chosen with a found effect in, and makes up for what that one does
 wrong. An alternative that takes up nearly the same loses with these, though with others beside it
@@ -34,10 +34,8 @@ from calibration.estimation.linear_model import LIVE
 from calibration.estimation.select import affordable, choose, search
 from calibration.estimation.settlement import settled, significances
 from calibration.estimation.significance import SET_WIDTH
-from msg_tools.units import ARCSEC
-from pointing_model.effects.base import coefficient_word
 
-from .diagnosis_result import cause_entry
+from .effect_causes import cause_entry
 
 #: part of the signal of a found effect that an alternative must take up alone to be tried with
 #: effects of its own (correlation 0.9): what it leaves to them is most of an effect of its own
@@ -354,49 +352,6 @@ def _to_one(problem, choice, i, alone, lines, taken):
                 'instead': instead, 'folds': len(lines),
                 'open': bool(lines) and instead >= OFTEN * len(lines)})
     return sorted(out.values(), key=lambda one: (-one.entry['instead'], one.entry['behind']))
-
-
-def fit_causes(run, choice, i, causes, fit):
-    """Fit the model with each cause of an effect in its place, and write it down there.
-
-    Parameters
-    ----------
-    run : RunProblem
-    choice : ModelChoice
-    i : int
-        Of `choice.chosen`.
-    causes : list of dict
-        Of `DiagnosedEffect`. Each gets ``fitted``: ``coefficients`` (``name``, ``word`` for people,
-        ``value_arcsec``, ``sigma_arcsec``, ``unit``) and ``terms`` (name: ``value_arcsec``,
-        ``sigma_arcsec``); None for a cause that is tried by its score alone.
-    fit : callable
-        ``fit(chosen)``: as `RunProblem.fits`, as the choice found is fitted.
-    """
-    one, own = choice.chosen[i], choice.significances[i]
-    bank, group = one.family(run.problem, choice.chosen)
-    groups = {} if one.of is not None else {
-        bank.effects[k].name: k for k in (*own.equals, *own.same, group)}
-    beside = [other for other in choice.chosen if other != one]
-    for cause in causes:
-        group = next((groups[name] for name in cause['effects'] if name in groups), None)
-        cause['fitted'] = None
-        if group is not None:
-            mine = replace(one, group=group)
-            cause['fitted'] = _fitted(run, [mine, *(
-                other for other in own.others.get(group, beside) if other != mine)], fit)
-
-
-def _fitted(run, chosen, fit):
-    model, _ = run.model(fit(chosen)[0], chosen)
-    one = model.effects[0]
-    return {
-        'coefficients': [
-            {'name': name, 'word': coefficient_word(one.effect, name), 'unit': one.effect.unit,
-             'value_arcsec': float(value / ARCSEC), 'sigma_arcsec': float(s / ARCSEC)}
-            for name, value, s in zip(one.effect.coefficient_names, one.coefficients, one.sigma)],
-        'terms': {name: {'value_arcsec': float(value / ARCSEC), 'sigma_arcsec': float(s / ARCSEC)}
-                  for (name, value), s in zip(model.terms.items(), model.sigmas)
-                  if np.isfinite(s)}}
 
 
 def cause_counts(choices, effects):

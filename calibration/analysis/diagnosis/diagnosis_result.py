@@ -19,87 +19,21 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.estimation.candidates import TIE
 from calibration.estimation.linearisation import Linearisation
-from calibration.estimation.significance import SET_WIDTH
 from calibration.rows import OUTLIER
 from msg_tools.units import ARCSEC
-from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import stacked_design
 from pointing_model.rms import radial_arcsec, rms
 
-from .diagnosis_base import Base, Observations
+from ..finding import Finding
+from .base_terms import Base
+from .effect_causes import ranking_of
+from .observations import Observations
 from .row_counts import RMS_KEYS
 
 #: rows and coefficients up to which a result keeps its linear problem, for a page
 _LINEAR = 1500, 60
-
-
-@dataclass
-class DiagnosedEffect:
-    """One effect of the verdict.
-
-    Attributes
-    ----------
-    fitted : FittedEffect
-    p_family, delta_bic, cv_gain_arcsec : float or None
-    alternatives : list of str
-        Effects that explain the run as well (within 6 of the best BIC).
-    aliases, other_causes : list of str
-        Of these the ones that are the same curve in this run, and the ones that have another
-        cause (not that a backlash is complete after some degrees or at once).
-    ranking : list of dict
-        Every candidate with this effect left out: ``name``, ``driver``, ``axes``, ``delta_bic``,
-        ``in_set``; best first.
-    causes : list of dict
-        What it may be, as people are told it: ``cause``, ``effects`` (names), ``driver``, ``axes``,
-        ``delta_bic``, ``only_shape`` (even alone it is one possibility, see `Effect`), and
-        ``more_effects`` (so many more its model has); those within `SET_WIDTH` of the best, the
-        best first, and last those that take more effects. What people are told alike is one.
-    beside : dict of str to list of Effect
-        Of other causes that explain the run as well only with other effects beside them: these.
-    columns : ndarray, shape (k, 2, n)
-    contenders : list of dict
-        What lost its place to this effect, though it explains the rows as well alone: see
-        `alternatives.Alternative.entry`.
-    removes_arcsec : float or None
-        RMS on the sky that it takes off, beyond what the declared terms could.
-    offsets, own, beyond : ndarray or None
-        What it moves in each row, and of that what no term and no other effect takes up, shape
-        (2, n), and in the rows with weight what the declared terms do not, shape (2, m): arcsec.
-    """
-
-    fitted: FittedEffect
-    p_family: float
-    columns: np.ndarray
-    delta_bic: float | None = None
-    alternatives: list = field(default_factory=list)
-    aliases: list = field(default_factory=list)
-    other_causes: list = field(default_factory=list)
-    ranking: list = field(default_factory=list)
-    cv_gain_arcsec: float | None = None
-    causes: list = field(default_factory=list)
-    beside: dict = field(default_factory=dict)
-    contenders: list = field(default_factory=list)
-    removes_arcsec: float | None = None
-    offsets: np.ndarray | None = None
-    own: np.ndarray | None = None
-    beyond: np.ndarray | None = None
-
-    def to_dict(self):
-        """Entry of the JSON result."""
-        e = self.fitted.effect
-        names = e.coefficient_names
-        return {
-            'name': e.name, 'tpoint': e.tpoint, 'driver': e.driver, 'axes': e.axes,
-            'coefficients_arcsec': dict(zip(names, (self.fitted.coefficients / ARCSEC).tolist())),
-            'sigma_arcsec': dict(zip(names, (self.fitted.sigma / ARCSEC).tolist())),
-            'p_family': self.p_family, 'delta_bic': self.delta_bic,
-            'alternatives': self.alternatives, 'cv_gain_arcsec': self.cv_gain_arcsec,
-            'causes': self.causes, 'contenders': self.contenders,
-            'removes_rms_arcsec': self.removes_arcsec,
-        }
 
 
 @dataclass
@@ -144,7 +78,7 @@ class Diagnosis:
     expected : dict or None
         Error on fresh stars of the same night, see `expected_error`.
     held_out : list of dict
-        Runs held out, each for itself, see `row_facts.nights_held_out`.
+        Runs held out, each for itself, see `holdout.nights_held_out`.
     no_star : list of list of str
         Effects, each with the rivals that no observation tells it from, see
         `next_observations.propose`.
@@ -253,7 +187,7 @@ def verdict_of(effects):
     return 'ambiguous' if any(e.other_causes for e in effects) else 'identified'
 
 
-def diagnosis_of(run, choice, fits, models, effects, ranking, untestable, notes):
+def diagnosis_of(run, choice, fits, models, effects, chance):
     """`Diagnosis` of what was found.
 
     Parameters
@@ -262,32 +196,63 @@ def diagnosis_of(run, choice, fits, models, effects, ranking, untestable, notes)
     choice : ModelChoice
     fits : tuple of Estimate
         Without and with the effects.
-    models : tuple of (PointingModel, dict)
+    models : sequence of (PointingModel, dict)
         The same as models, and the terms of each run.
     effects : list of DiagnosedEffect
-    ranking, untestable, notes : list
+    chance : Chance
     """
-    obs, weights = run.obs, choice.fit.weights
+    obs, problem, weights = run.obs, run.problem, choice.fit.weights
     keep = weights > 0.0
     before, after = (fit.residual.reshape(2, -1) for fit in fits)
     (base_model, _), (model, run_terms) = models
     excluded = [obs.excluding(i, OUTLIER) for i in np.flatnonzero(~keep)]
     free = max(2 * np.count_nonzero(keep) - len(choice.fit.basis), 1)
     floor = radial_arcsec(after, keep) * np.sqrt(2 * keep.sum() / free)
+    candidates, nothing = problem.dictionary.effects, problem.plain.fit([])
+    scores = problem.dictionary.score(nothing)
+    # what a run cannot tell from the base's terms, and why if it is known
+    hidden = {e.name: e.alias for e, dof in zip(candidates, scores.dof) if dof == 0}
     return Diagnosis(
         verdict_of(effects), run.base, obs, model, base_model, effects, rms_entry(before, keep),
-        rms_entry(after, keep), before, after, weights, ranking, untestable, floor,
-        obs.excluded + excluded, notes, run_terms,
-        linear=tuple(_linear(run, *each) for each in zip(fits, ([], choice.chosen)))
-        if _is_small(run, choice) else ())
+        rms_entry(after, keep), before, after, weights,
+        ranking_of(candidates, scores.delta_bic, chance.p_of_all(nothing, scores)),
+        run.untestable + [*hidden.items()], floor, obs.excluded + excluded,
+        _notes(run, choice, effects), run_terms,
+        linear=_linear(run, choice, fits))
 
 
-def _is_small(run, choice):
-    return (len(run.obs) <= _LINEAR[0] and not run.obs.whole
-            and len(run.problem.design(choice.chosen)) <= _LINEAR[1])
+def _notes(run, choice, effects):
+    """Of the rows, of what was given up, and of the effects."""
+    notes = [*run.obs.notes, *not_taken(run.obs.context)]
+    notes += [Finding(kind, causes=tuple(dict.fromkeys(
+        c.effect(run.problem).name for c in dropped)))
+        for kind, dropped in (('no gain on rows left out', choice.dropped_by_cv),
+                              ('not repeated', choice.not_repeated)) if dropped]
+    if run.infeasible.any():
+        notes.append(Finding('beyond the zenith', int(run.infeasible.sum()), unit='rows'))
+    notes += [found for one in effects for found in one.other_models]
+    return notes + [Finding('curve', evidence={'driver': e.fitted.effect.driver,
+                                               'shape': e.fitted.effect.shape})
+                    for e in effects if e.fitted.effect.kind == 'smooth']
 
 
-def _linear(run, fit, chosen):
+def not_taken(context):
+    """A Finding on the columns of a Context that are not taken as causes; none without any."""
+    names = context.left_out()
+    return [] if not names else [Finding('columns not taken', evidence={
+        'columns': [*map(context.wording, names)],
+        # of TPOINT, which does not name them
+        'unnamed': any(name.startswith('auxiliary_') for name in names)})]
+
+
+def _linear(run, choice, fits):
+    """`Linearisation` of each of the fits; none of a large run."""
+    small = (len(run.obs) <= _LINEAR[0] and not run.obs.whole
+             and len(run.problem.design(choice.chosen)) <= _LINEAR[1])
+    return tuple(_linear_fit(run, *each) for each in zip(fits, ([], choice.chosen)) if small)
+
+
+def _linear_fit(run, fit, chosen):
     """`Linearisation` of an exact fit: its covariance is by the scatter that it ended with."""
     obs, base, n = run.obs, run.base, len(run.obs)
     names = [(t, None) for t in base.common]
@@ -305,91 +270,11 @@ def _linear(run, fit, chosen):
         weights, given=True)
 
 
-def diagnosed_effect(fitted, significance, columns, effects, group):
-    """`DiagnosedEffect` of a candidate.
-
-    Parameters
-    ----------
-    fitted : FittedEffect
-    significance : Significance
-    columns : ndarray, shape (k, 2, n)
-    effects : list of Effect
-        All candidates.
-    group : int
-        Which of them it is.
-    """
-    def names(groups):
-        return list(dict.fromkeys(effects[k].name for k in groups))
-    own, s = fitted.effect.mechanism, significance
-    # one curve may have two causes
-    others = [k for k in s.equals
-              if k not in s.same or own is None or effects[k].mechanism != own]
-    return DiagnosedEffect(fitted, s.p, columns, s.delta_bic, names(s.equals), names(s.same),
-                           names(others), ranking_of(effects, s.every),
-                           causes=_causes(effects, s.every, [group, *s.equals]))
-
-
-def cause_entry(e, delta_bic, names=None):
-    """Entry of `DiagnosedEffect.causes` for an effect, with its own name unless others are told."""
-    return {'cause': e.cause_summary, 'shape': e.shape, 'driver': e.driver, 'axes': e.axes,
-            'look_at': e.look_at, 'effort': e.effort,
-            'only_shape': e.only_shape, 'effects': [e.name] if names is None else list(names),
-            'delta_bic': delta_bic, 'more_effects': 0}
-
-
-def _causes(effects, delta_bic, groups):
-    """`DiagnosedEffect.causes` of groups."""
-    out = {}
-    # of equals the found one is first, whatever the rounding
-    for k in sorted(groups, key=lambda k: -np.round(delta_bic[k] / TIE)):
-        e = effects[k]
-        one = out.setdefault(e.cause_summary, cause_entry(e, float(delta_bic[k]), ()))
-        if e.name not in one['effects']:
-            one['effects'].append(e.name)
-    return list(out.values())
-
-
 def rms_entry(residual, keep):
     """Of the JSON result: RMS of the rows `keep` of residuals of shape (2, n), radians."""
     x, y = (rms(r[keep]) / ARCSEC for r in residual)
     return dict.fromkeys(RMS_KEYS) | {
         'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y}
-
-
-def ranking_of(effects, delta_bic, p=None):
-    """Ranking of scored effects, best first: the best member of each line.
-
-    Parameters
-    ----------
-    effects : list of Effect
-    delta_bic : ndarray, shape (G,)
-        -inf: cannot be told from the model.
-    p : ndarray, shape (G,), optional
-        Family-wise.
-
-    Returns
-    -------
-    list of dict
-        ``name``, ``cause``, ``driver``, ``axes``, ``delta_bic``, ``in_set`` and ``p_family``.
-    """
-    out, seen = [], set()
-    best = delta_bic.max(initial=-np.inf)
-    for g in np.argsort(-delta_bic):
-        if not np.isfinite(delta_bic[g]):
-            break  # of waves of unknown period there are thousands
-        e = effects[g]
-        if e.line not in seen:
-            seen.add(e.line)
-            out.append({'name': e.name, 'cause': e.cause, 'driver': e.driver, 'axes': e.axes,
-                        'delta_bic': float(delta_bic[g]),
-                        'in_set': bool(delta_bic[g] >= max(best - SET_WIDTH, 0.0)),
-                        **({} if p is None else {'p_family': float(p[g])})})
-    return out
-
-
-def hidden(effects, dof):
-    """Name of the effects that a run cannot tell from the base's terms, and why if it is known."""
-    return list({e.name: e.alias for e, d in zip(effects, dof) if d == 0}.items())
 
 
 _MOVED = 2.0  # sigma, from where it is said what a term is beside the effects

@@ -34,8 +34,8 @@ from pointing_model.effects import smooths
 
 from ..finding import Finding
 from .alternatives import likelihood_ratio
-from .diagnosis_base import observations
 from .discriminating_star import ENOUGH, LEAST_CHANCE, SEPARATE, Pair, Points, drivers_of, needed
+from .observations import observations
 from .run_problem import RunProblem, effect_bank
 
 #: stars that are asked for at most

@@ -22,8 +22,10 @@ from calibration.estimation.folds import cross_validate
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
 
-from .diagnosis_base import Base, linearised, observations, sequence_of
-from .validation import FOLDS, partitions_of
+from .base_terms import Base
+from .exact_rotations import rotation_start
+from .observations import observations
+from .partitions import FOLDS, partitions_of
 
 #: the chance with which the interval holds the RMS of many fresh stars of the same night
 CONFIDENCE = 0.9
@@ -63,10 +65,10 @@ def expected_error_of_terms(run, base='physical', seed=0):
     columns = base.columns(obs.context, obs.label)
     if 2 * len(obs) < len(columns) + 4:
         return None
-    _, left, _ = linearised(obs, base)
+    _, left, _ = rotation_start(obs, base)
     none = CandidateBank.empty(len(obs))
     problem = SelectionProblem(columns, left, obs.inverse_sigma, none, none,
-                               sequence_of(obs.context, obs.label))
+                               obs.sequence)
     keep = problem.plain.fit([], final=True).weights > 0.0
     residual = cross_validate(problem.plain, [], partitions_of(problem, FOLDS, rng)[0])
     return expected_error(residual, keep, problem.sequence.order, rng, *ahead(problem, [], rng))

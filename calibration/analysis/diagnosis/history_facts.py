@@ -34,15 +34,13 @@ _CLOCKS = ('time', 'order', 'run_hours')
 _MOST_COLUMNS = 20
 
 
-def history_findings(run, choice, lines):
+def history_findings(run, choice):
     """Findings on the effects of a choice.
 
     Parameters
     ----------
     run : RunProblem
     choice : ModelChoice
-    lines : ndarray of int, shape (n,)
-        Line or row of each in its file.
 
     Returns
     -------
@@ -54,7 +52,7 @@ def history_findings(run, choice, lines):
         if found.form == 'lagged':
             out.append(_lag(run, choice, i, found))
         elif found.form == 'step':
-            out.append(_slew(run.obs.context, found, lines))
+            out.append(_slew(run.obs, found))
         elif found.driver in _CLOCKS and found.form == 'drift':
             out.append(_column(run, choice, i, found))
     return [one for one in out if one is not None]
@@ -89,9 +87,10 @@ def _lag(run, choice, i, found):
         'before': BEFORE * best / 60.0, 'driver': p['driver']})
 
 
-def _slew(context, found, lines):
+def _slew(obs, found):
     """With which slew a zero jumped."""
-    axis, driver = found.parameters['axis'], context.get(found.driver)
+    context, axis = obs.context, found.parameters['axis']
+    driver = context.get(found.driver)
     after = np.flatnonzero(driver >= found.parameters['at'])
     way = context.get(f'slew_{axis}')
     if way is None or not len(after):
@@ -102,7 +101,7 @@ def _slew(context, found, lines):
         return None
     return Finding('slip of a slew', float(np.degrees(length[row])), unit='deg',
                    causes=(found.name,), evidence={
-                       'line': int(lines[row]), 'longer': int(np.sum(length > length[row])) + 1,
+                       'line': int(obs.lines[row]), 'longer': int(np.sum(length > length[row])) + 1,
                        'slews': int(np.isfinite(length).sum()),
                        'axis': context.mount.names.word(axis)})
 

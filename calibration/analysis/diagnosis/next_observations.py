@@ -24,31 +24,23 @@ difference of the scores by which the members are one set, and what is expected 
 
 from copy import copy
 from dataclasses import replace
-from datetime import datetime, timezone
+from typing import NamedTuple
 
 import numpy as np
 
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.group_columns import GroupColumns
-from msg_tools.units import DEG, covered, wrap
+from msg_tools.units import DEG
 from pointing_model.context import Context
-from pointing_model.mounts import is_beyond
-from pointing_model.sky.places import sun_place
-from pointing_model.sky.site import Site
-from pointing_model.sky.skyline import Horizon
 
-#: elevation of the Sun below which stars are observed: the end of civil twilight, rad
-DARK = -6.0 * DEG
-_ROWS, _STEP, _LONGEST = 9, 0.25, 48.0  # rows looked at; h
+from .night_hours import dark_hours, next_night, utc_of
+from .observation_places import SHORT, observation_context, place_of, places_under
+
 _COUNT = 6  # for each ambiguous effect
 _MOST_EQUALS = 4
 _WORTH = 0.5  # delta BIC: exact aliases do not come apart anywhere
 MIN_GAP = 3.0 * DEG
 _LATER = (0.25, 2.0, 6.0)  # hours
-#: the first axis of a mount that is no alt-azimuth one is asked to go so much farther than it has
-BEYOND = 5.0 * DEG
-CLEAR = 3.0 * DEG  # a star is near the place, not at it
-SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
 def propose(problem, obs, base, choice, alternatives=None):
@@ -77,7 +69,7 @@ def propose(problem, obs, base, choice, alternatives=None):
     none : list of list of str
         An effect and its strongest alternatives, where no observation tells it from any.
     """
-    out, none, grid = [], [], _grid(obs)
+    out, none, grid = [], [], _grid(obs.context)
     for i, (one, significance) in enumerate(zip(choice.chosen, choice.significances)):
         others = [c.effect(problem) for j, c in enumerate(choice.chosen) if j != i]
         bank, group = one.family(problem, choice.chosen)
@@ -121,11 +113,11 @@ def _members(problem, best, others, other, beside):
             [e for e in others if e.name in both])
 
 
-def _grid(obs):
-    """Possible observations: the sky, both approaches, soon and late, after a long move or a short.
+class Grid(NamedTuple):
+    """Possible observations.
 
-    Returns
-    -------
+    Attributes
+    ----------
     context : Context
     later : ndarray
         Hours after the last row.
@@ -133,136 +125,40 @@ def _grid(obs):
         Reached by a move of `SHORT` back on the one before.
     tomorrow : bool
         Whether tonight no dark hour is left.
+    utc : dict of float to (str or None)
+        Of these hours.
     """
-    above = obs.context.on_horizon()[1]
+
+    context: Context
+    later: np.ndarray
+    short: np.ndarray
+    tomorrow: bool
+    utc: dict
+
+
+def _grid(known):
+    """`Grid`: the sky, both approaches, soon and late, after a long move or a short.
+
+    Parameters
+    ----------
+    known : Context
+        Of the rows.
+    """
+    hours = dark_hours(known, _LATER)
+    tomorrow = not hours
+    hours = hours or next_night(known, _LATER)
+    utc = {hour: utc_of(known, hour) for hour in hours}
+    above = known.on_horizon()[1]
     low = max(15.0 * DEG, float(above.min()))
     high = min(88.0 * DEG, max(float(above.max()), low + 0.1))
-    tonight = dark_hours(obs.context, _LATER)
     az, el, s_az, s_el, later, short = places_under(
-        obs.context, low, high, [-1.0, 1.0], [-1.0, 1.0],
-        tonight or next_night(obs.context, _LATER), [False, True])
-    context = observation_context(obs.context, az, el, (s_az, s_el), later, short)
-    return context, later, short, not tonight
-
-
-def observation_context(known, az, el, approach, later, short, warmer=0.0, **more):
-    """`Context` of observations after those of a run.
-
-    Parameters
-    ----------
-    known : Context
-        Of the rows.
-    az, el : ndarray, shape (m,)
-        Angles of the axes, rad.
-    approach : (ndarray, ndarray), shape (m,)
-        Of both axes, -1 or 1.
-    later : ndarray, shape (m,)
-        Hours after the last row.
-    short : ndarray of bool, shape (m,)
-        Reached by a move of `SHORT` back on the one before.
-    warmer : float
-        Kelvin beside the forecast.
-    **more : ndarray, shape (m,)
-        Other columns.
-    """
-    columns = {'az_enc': az, 'el_enc': el, **more}
-    time, temperature = known.get('time'), known.get('temperature')
-    if time is not None:
-        columns['time'] = np.nanmax(time) + 3600.0 * later
-        hours = known.get('run_hours')
-        if hours is not None:
-            columns['run_hours'] = hours[np.nanargmax(time)] + later
-    if known.get('order') is not None:
-        columns['order'] = np.ones_like(az)
-    if temperature is not None:
-        columns['temperature'] = warmer + forecast(time, temperature, columns.get('time'), len(az))
-    if 'run' in known.columns:
-        columns['run'] = np.full(len(az), known.columns['run'][-1])
-    for axis, side in zip(('az', 'el'), approach):
-        columns[f'approach_{axis}'], columns[f'before_{axis}'] = side, -side
-        columns[f'travel_{axis}'] = np.where(short, SHORT, np.inf)
-    out = Context(az, el, columns, known.latitude, known.longitude, known.mount)
-    out.raw_reading = known.raw_reading
-    return out
-
-
-def places_under(known, low, high, *conditions):
-    """Places on the sky for an observation, each under all conditions.
-
-    Of a mount that is no alt-azimuth one, as far as its first axis has turned in the rows: beyond,
-    the counterweight may be up. Behind the skyline, where it is known, is none.
-
-    Parameters
-    ----------
-    known : Context
-        Of the rows.
-    low, high : float
-        Elevations between which the places are, rad.
-    *conditions : sequence
-        The values of each.
-
-    Returns
-    -------
-    az, el : ndarray, shape (m,)
-        Angles of the axes, rad; the conditions change fastest.
-    *values : ndarray, shape (m,)
-        Of each condition.
-    """
-    mount = known.mount
-    beyond = np.unique(is_beyond(known.el)) if not mount.vertical else [False]
-    side, az, el = (v.ravel() for v in np.meshgrid(
-        beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), indexing='ij'))
-    if not mount.vertical:
-        az, el = mount.axes_of(az, el, side)
-        seen = turned_to(known.az, az)
-        az, el = (on_turn(known.az, az[seen]), el[seen]) if seen.any() else (known.az, known.el)
-    if known.skyline:
-        free = above_skyline(known.skyline, *Context(az, el, mount=mount).on_horizon())
-        az, el = (az[free], el[free]) if free.any() else (known.az, known.el)
-    values = [v.ravel() for v in np.meshgrid(*conditions, indexing='ij')]
-    each = len(values[0])
-    return np.repeat(az, each), np.repeat(el, each), *(np.tile(v, len(az)) for v in values)
-
-
-def above_skyline(corners, az, el):
-    """Whether places of the horizon (rad) are `CLEAR` of a skyline, up and to both sides."""
-    beside = CLEAR / np.maximum(np.cos(el), CLEAR / np.pi)
-    return el > Horizon(-0.5 * np.pi, corners).highest(az, beside) + CLEAR
-
-
-def turned_to(seen, angles):
-    """Whether an axis has been within `BEYOND` of some angles, or between: shape of `angles`, bool.
-
-    Parameters
-    ----------
-    seen : ndarray, shape (n,)
-        Where it has been, rad; it is taken never to have been in the largest gap between two of
-        them.
-    angles : ndarray
-        rad.
-    """
-    first, span = covered(seen)
-    return np.mod(angles - first + BEYOND, 2.0 * np.pi) <= span + 2.0 * BEYOND
-
-
-def on_turn(seen, angles):
-    """Angles on the turn on which an axis has been: what grows with it has no jump between."""
-    middle = 0.5 * (seen.min() + seen.max())
-    return middle + wrap(angles - middle)
-
-
-def forecast(time, temperature, then, n):
-    """Temperature as far as the night's course tells it: the last of it, never beyond its range."""
-    good = np.isfinite(temperature)
-    if time is None or good.sum() < 5:
-        return np.full(n, np.nanmean(temperature))
-    slope, level = np.polyfit((time[good] - time[good].mean()) / 3600.0, temperature[good], 1)
-    guess = level + slope * (then - time[good].mean()) / 3600.0
-    return np.clip(guess, temperature[good].min() - 5.0, temperature[good].max() + 5.0)
+        known, low, high, [-1.0, 1.0], [-1.0, 1.0], hours, [False, True])
+    context = observation_context(known, az, el, (s_az, s_el), later, short)
+    return Grid(context, later, short, tomorrow, utc)
 
 
 def _separate(problem, obs, base, fit, pair, others, grid, before):
-    context, later, short, tomorrow = grid
+    context, later, short = grid.context, grid.later, grid.short
     m = len(context)
     views = views_of(problem, obs, base, fit, pair, others, context)
     start = min(v.separation() for v in views)
@@ -284,8 +180,8 @@ def _separate(problem, obs, base, fit, pair, others, grid, before):
             'approach_el': int(context.columns['approach_el'][j]) if by_el else 0,
             'last_move_deg': float(SHORT / DEG) if by_move and short[j] else None,
             'after_hours': float(later[j]) if timed else None,
-            'utc': utc_of(obs.context, later[j]) if timed else None,
-            'next_night': timed and tomorrow,
+            'utc': grid.utc[later[j]] if timed else None,
+            'next_night': timed and grid.tomorrow,
             'separates': [member[0].name for member in pair],
             'separation_before': float(before), 'separation_after': float(after)})
     return proposals
@@ -335,24 +231,6 @@ def views_of(problem, obs, base, fit, pair, others, context):
 
 def _stacked(effects, context):
     return np.vstack([e.columns(context).reshape(-1, 2 * len(context)) for e in effects])
-
-
-def place_of(context, j):
-    """Where a proposal is: ``az_deg``, ``el_deg`` of the horizon, and a mount's own angles."""
-    place = [round(float(context.get(name)[j] / DEG), 6) % 360.0
-             for name in ('azimuth', 'elevation')]
-    return {'az_deg': place[0], 'el_deg': place[1], **_side(context, j)}
-
-
-def _side(context, j):
-    """Of another mount than an alt-azimuth one: its own angles, and whether through the pole."""
-    mount = context.mount
-    if mount.vertical:
-        return {}
-    angles = mount.on_travel(context.az[j], context.el[j])
-    return {**{f'{name}_deg': round(float(angle / DEG), 6)
-               for name, angle in zip(mount.names.columns, angles)},
-            'through_pole': bool(is_beyond(context.el[j]))}
 
 
 def _matters(gain, j, hours):
@@ -423,66 +301,3 @@ class Prospect:
     def copy(self):
         """The same, to add to."""
         return copy(self)
-
-
-def dark_hours(context, hours):
-    """Those of some hours after the last row at which it is dark.
-
-    Parameters
-    ----------
-    context : Context
-        Of the rows.
-    hours : sequence of float
-
-    Returns
-    -------
-    list of float
-        All of `hours` where site or time are not known, or most of the rows are of the day.
-    """
-    sun = _sun(context)
-    return list(hours) if sun is None else [h for h in hours if sun(h) < DARK]
-
-
-def next_night(context, hours):
-    """The same hours counted from the next dusk, after the last row.
-
-    Where the Sun does not go so low within two days, it is where it is lowest.
-    """
-    sun = _sun(context)
-    if sun is None:
-        return list(hours)
-    grid = np.arange(_STEP, _LONGEST, _STEP)
-    up = np.array([sun(h) for h in grid])
-    if up.min() >= DARK:
-        return [float(grid[up.argmin()])]
-    day = int(np.argmax(up >= DARK))  # it is still night before
-    dusk = float(grid[day + int(np.argmax(up[day:] < DARK))])
-    return [dusk, *(dusk + h for h in hours if sun(dusk + h) < DARK)]
-
-
-def utc_of(context, hours):
-    """UTC of hours after the last row, as ``2026-01-15 21:26``; None where it is not known."""
-    if _site(context) is None:
-        return None
-    last = float(np.nanmax(context.get('time')))
-    return datetime.fromtimestamp(last + 3600.0 * hours, timezone.utc).strftime('%Y-%m-%d %H:%M')
-
-
-def _site(context):
-    if (context.get('time') is None or not context.time_is_utc
-            or context.latitude is None or context.longitude is None):
-        return None
-    return Site(context.latitude, context.longitude, 0.0)
-
-
-def _sun(context):
-    """Elevation of the Sun by hours after the last row, rad; None where that is no matter."""
-    site = _site(context)
-    if site is None:
-        return None
-    time = np.sort(context.get('time'))
-    time = time[np.isfinite(time)]
-    seen = time[np.linspace(0, len(time) - 1, _ROWS).astype(int)]
-    if np.median([sun_place(float(t), site)[1] for t in seen]) > 0.0:
-        return None
-    return lambda hours: sun_place(float(time[-1]) + 3600.0 * hours, site)[1]

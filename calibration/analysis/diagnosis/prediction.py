@@ -48,7 +48,9 @@ from pointing_model.mounts import rows_by_side
 from pointing_model.rms import Rms, rms_arcsec
 
 from ..finding import Finding
-from .diagnosis_base import Base, linearised, mount_of, observations, sequence_of
+from .base_terms import Base
+from .exact_rotations import rotation_start
+from .observations import mount_of, observations
 from .run_problem import effect_bank
 
 #: forms that no prediction rests on: tan E has no bounds near the pole, where there are no rows;
@@ -176,7 +178,7 @@ class _Columns:
 
     def problem(self, obs, left):
         """The `PredictionProblem` of offsets that exact rotations leave, in arcsec."""
-        keep, sequence = self.keep, sequence_of(obs.context, obs.label)
+        keep, sequence = self.keep, obs.sequence
         order = np.empty(len(obs))
         order[sequence.order] = np.arange(len(obs))
         return PredictionProblem(
@@ -234,7 +236,7 @@ def prediction_problem(obs, base):
         raise ValueError(f'{len(obs)} usable observations are too few to predict with '
                          f'{len(base.terms)} terms; observe more, fit fewer terms, or leave out '
                          '--predict')
-    start, left, _ = linearised(obs, base)
+    start, left, _ = rotation_start(obs, base)
     columns = _Columns(obs, base)
     return columns.problem(obs, left), columns, start
 

@@ -56,14 +56,17 @@ class ResidualCorrelation:
         That noise without memory would show as much, at most.
     like : list of CandidateGroup
         Effects that explain it as well, had the noise no memory: the likeliest first.
+    along_the_sky : dict or None
+        See `along_the_sky`.
     """
 
     axes: dict
     p: float
     like: list = field(default_factory=list)
+    along_the_sky: dict | None = None
 
 
-def residual_correlation(problem, choice, alpha):
+def residual_correlation(problem, choice, alpha, context):
     """Whether the noise remembers, beyond what the choice explains.
 
     Either of two tests is beyond chance at `alpha`: effects that would be added if rows had no
@@ -74,6 +77,8 @@ def residual_correlation(problem, choice, alpha):
     problem : SelectionProblem
     choice : ModelChoice
     alpha : float
+    context : Context
+        Of the rows.
 
     Returns
     -------
@@ -87,7 +92,8 @@ def residual_correlation(problem, choice, alpha):
         return None
     axes = {name: one for name, one in zip(('az', 'el'), memory) if one.variance > 0.0}
     # of effects that are beyond chance no more is known than that they are
-    return ResidualCorrelation(axes, min(p, alpha), _as_well(problem, choice.chosen, axes))
+    return ResidualCorrelation(axes, min(p, alpha), _as_well(problem, choice.chosen, axes),
+                               along_the_sky(context, problem.sequence))
 
 
 def _as_well(problem, chosen, axes):
@@ -192,7 +198,7 @@ def correlation_entry(found, problem, context, chosen, residual):
             'like': list(dict.fromkeys(e.name for e in effects)),
             'explained_by': [{'cause': e.cause_summary, 'driver': e.driver,
                               'curve': e.kind == 'smooth'} for e in effects],
-            'slow': bool(slow), 'along_the_sky': along_the_sky(context, sequence),
+            'slow': bool(slow), 'along_the_sky': found.along_the_sky,
             'within_deg': seen.within, 'pairs': seen.pairs()}
 
 

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calibration.estimation.correlated_noise import Sequence
 from calibration.estimation.outlier_clusters import Window, clusters
 from calibration.estimation.revisits import Revisits
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -31,7 +32,8 @@ from pointing_model.pointing_terms import stacked_design
 from pointing_model.rms import sigma_of
 
 from ..finding import Finding
-from .diagnosis_base import sequence_of
+from .observations import sequence_of
+from .row_counts import row_word
 
 #: rad, within which visits are of one place: what terms leave changes little there
 RADIUS = 3.0 * DEG
@@ -65,8 +67,8 @@ class ResidualRows(NamedTuple):
     ----------
     context : Context
         Of n rows.
-    label : ndarray of int, shape (n,)
-        Number of the run of each.
+    sequence : Sequence
+        Of them.
     lines : ndarray, shape (n,)
         What the rows are called by.
     residual : ndarray, shape (2, n)
@@ -77,7 +79,7 @@ class ResidualRows(NamedTuple):
     """
 
     context: Context
-    label: np.ndarray
+    sequence: Sequence
     lines: np.ndarray
     residual: np.ndarray
     word: str = 'row'
@@ -92,17 +94,23 @@ class ResidualRows(NamedTuple):
         label = np.unique(used['run'], return_inverse=True)[1] if 'run' in run else np.zeros(
             len(rows), int)
         sigma = np.array([used.get('sigma_x'), used.get('sigma_y')], float)
-        return cls(Context.from_run(used, encoder), label, run.lines[rows],
+        context = Context.from_run(used, encoder)
+        return cls(context, sequence_of(context, label), run.lines[rows],
                    np.array([result.residual_x, result.residual_y])[:, rows],
-                   'row' if run.meta.get('lines') is None else 'line',
+                   row_word(run),
                    sigma if np.isfinite(sigma).all() and (sigma > 0.0).all() else None)
+
+    @classmethod
+    def from_observations(cls, obs, residual):
+        """Of `Observations`; `residual`: what a model leaves of them, x then y, (2n,) or (2, n)."""
+        return cls(obs.context, obs.sequence, obs.lines, residual.reshape(2, -1), row_word(obs.run))
 
     def visits(self, terms):
         """The `Revisits` of the rows; `terms`: names of those that the residuals are of."""
-        context, mount, n = self.context, self.context.mount, len(self.label)
-        sequence = sequence_of(context, self.label)
+        context, sequence, mount = self.context, self.sequence, self.context.mount
+        n = len(context)
         # runs follow each other in their files, whatever their clocks say
-        timed = sequence.timed and (context.time_is_utc or not self.label.any())
+        timed = sequence.timed and (context.time_is_utc or not sequence.run.any())
         position = sequence.position if timed else np.argsort(sequence.order) * 1.0
         columns, index = (stacked_design(names, context.az, context.el, mount)
                           for names in (terms, mount.names.index))
@@ -208,7 +216,7 @@ def gathered(rows):
 def _clusters(rows):
     scaled = rows.residual if rows.sigma is None else rows.residual / rows.sigma
     noise = np.array([[sigma_of(one)] for one in scaled])
-    if len(rows.label) < _FEW or not (noise > 0.0).all():
+    if len(rows.context) < _FEW or not (noise > 0.0).all():
         return []
     scaled = scaled / noise
     axis = np.argmax(np.abs(scaled), axis=0)
@@ -216,12 +224,13 @@ def _clusters(rows):
     kind = np.where(np.abs(worst) > _FAR, np.sign(worst) * (1 + axis), 0).astype(int)
     if np.unique(kind[kind != 0], return_counts=True)[1].max(initial=0) < 3:
         return []
-    return clusters(kind, list(_windows(rows)), np.random.default_rng(0))
+    windows = [*_windows(rows)]
+    return clusters(kind, windows, np.random.default_rng(0))
 
 
 def _windows(rows):
     """Windows in which outliers may lie together."""
-    context, n = rows.context, len(rows.label)
+    context, n = rows.context, len(rows.context)
     centres = np.arange(n)[::-(-n // _CENTRES)]
     direction = context.direction()
     along = direction[:, centres].T @ direction
@@ -234,7 +243,7 @@ def _windows(rows):
         aside = np.abs(wrap(angle[centres, None] - angle))
         for size in _ASIDE:
             yield from (Window(what, np.flatnonzero(one)) for one in aside <= size)
-    order = sequence_of(context, rows.label).order
+    order = rows.sequence.order
     for length in _LENGTHS:
         yield from (Window('time', order[i:i + length])
                     for i in range(0, n - length + 1, -(-n // (2 * _CENTRES))))

@@ -192,8 +192,8 @@ def reader_row_counts(run):
                     len(run.meta.get('excluded', ())) - lost)
 
 
-def refused_if_few(result):
-    """The diagnosis, or one that claims no effect where more than a third of the rows is left out.
+def count_rows(result):
+    """The diagnosis with its counts; of more than a third of the rows left out it claims no effect.
 
     Parameters
     ----------
@@ -205,10 +205,11 @@ def refused_if_few(result):
         Its verdict is ``refused`` then, its model that of the base.
     """
     counts = diagnosis_row_counts(result)
-    if not counts.too_few:
-        return result
-    return replace(
-        result, verdict='refused', effects=[], model=result.base_model,
-        after=dict(result.before), residual_after=result.residual_before, next_observations=[],
-        cv_contiguous={}, cautions=[counts.refusal], noise_memory=None, detectable=None,
-        expected=None, no_star=[])
+    if counts.too_few:
+        result = replace(
+            result, verdict='refused', effects=[], model=result.base_model,
+            after=dict(result.before), residual_after=result.residual_before,
+            next_observations=[], cv_contiguous={}, cautions=[counts.refusal], noise_memory=None,
+            detectable=None, expected=None, no_star=[])
+        counts = diagnosis_row_counts(result)
+    return replace(result, counts=counts.to_dict())

@@ -12,30 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A run in the form of the search, and the exact fit and the model that come out of it."""
+"""A run in the form of the search."""
 
 from itertools import product
 
 import numpy as np
 
 from calibration.estimation.candidates import CandidateBank
-from calibration.estimation.correlated_noise import CorrelatedNoise, WhiteNoise
-from calibration.estimation.estimate import Estimate
 from calibration.estimation.periodogram import PeriodBank
-from calibration.estimation.robust import bisquare
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
 from pointing_model.effects import changes, dictionary, effect, smooths, steps
 from pointing_model.effects.base import known
 from pointing_model.effects.drifts import places_of_steps
 from pointing_model.fitted_effects import FittedEffect
-from pointing_model.harmonics import COUNT, Harmonics
-from pointing_model.model import PointingModel
-from pointing_model.mounts import rows_by_side
-from pointing_model.rms import sigma_of
 
 from ..finding import Finding
-from .diagnosis_base import after_rotation, decode_slips, linearised, sequence_of
+from .decoder_slips import decode_slips
+from .exact_rotations import rotation_start
 from .period_scans import period_bank
 from .row_counts import row_word
 
@@ -142,14 +136,14 @@ class RunProblem:
             raise ValueError(f'{len(obs)} usable observations do not determine {len(columns)} '
                              'coefficients and a residual; observe more or fit fewer terms')
         self.obs, self.base = obs, base
-        self.start, left, feasible = linearised(obs, base)
+        self.start, left, feasible = rotation_start(obs, base)
         names = obs.context.mount.names
         effects, self.untestable = dictionary(
             obs.context, [t for t in names.physical if t not in base.terms], base.own)
         if base.own and set(names.index) <= set(base.own):
             effects = [e for e in effects if e.form != 'run_zero']
         self.problem = SelectionProblem(columns, left, obs.inverse_sigma, None, None,
-                                        sequence_of(obs.context, obs.label))
+                                        obs.sequence)
         self.slips = self._slips(alpha)
         self.problem.dictionary = effect_bank(effects + steps(obs.context), obs.context)
         self.problem.curves = effect_bank(smooths(obs.context) if curves else [], obs.context)
@@ -176,160 +170,3 @@ class RunProblem:
                 'word': row_word(self.obs.run),
                 'rows': [(self.obs.lines[r], m) for r, m in zip(rows, multiples)]}))
         return out
-
-    def exact_fit(self, chosen, fit, true_noise=None):
-        """`exact_fit` of a choice to these rows as a `WeightedFit` weighs them, an `Estimate`."""
-        return exact_fit(self.obs, self.base, self.problem.design(chosen), self.start,
-                         self.problem.b, fit.weights, fit.scale, fit.noise, true_noise)
-
-    def fits(self, chosen, left, mixed):
-        """The exact fit of a choice, and the weighted fit by which it is made."""
-        plain = self.problem.plain.fit(chosen, final=True)
-        if left is None:
-            return self.exact_fit(chosen, plain), plain
-        fit = self.problem.fit(chosen, final=True)
-        return (self.exact_fit(chosen, fit) if mixed else
-                self.exact_fit(chosen, plain, fit.noise)), fit
-
-    def whole_fit(self, fitted, chosen, memory=(), mixed=True):
-        """`exact_fit` of all rows of which these are a part.
-
-        Each is weighted by how far it is from the fit of the part.
-
-        Parameters
-        ----------
-        fitted : Estimate
-            Of the part.
-        chosen : list of CandidateGroup
-        memory : tuple of AxisNoise
-            Of the part's noise.
-        mixed : bool
-            Whether coefficients rest on that memory, and not their covariance alone.
-
-        Returns
-        -------
-        Estimate
-        """
-        whole, n = self.obs.whole, len(self.obs.whole)
-        design = self.base.columns(whole.context, whole.label).beside(
-            *(c.effect(self.problem).columns(whole.context).reshape(-1, 2 * n) for c in chosen))
-        start = self._rotation(fitted)
-        left, _ = after_rotation(whole, start)
-        p = fitted.coefficients.copy()
-        p[_geometric(whole, self.base)] = 0.0  # in the rotations
-        given = np.ones(2 * n) if whole.inverse_sigma is None else whole.inverse_sigma
-        standard = ((left - p @ design) * given).reshape(2, n)
-        middle = np.maximum(sigma_of(standard, axis=1), 1e-6 * ARCSEC)
-        weights = bisquare(np.hypot(*(standard / middle[:, None])))
-        scale = np.sqrt((weights * standard**2).sum(axis=1) / weights.sum()) + 1e-9 * ARCSEC
-        white = WhiteNoise(given * np.tile(np.sqrt(weights), 2) / np.repeat(scale, n))
-        noises = [white]
-        if memory:
-            sequence = sequence_of(whole.context, whole.label)
-            noises += [CorrelatedNoise.beside(white, scale, sequence, memory)]
-        return exact_fit(whole, self.base, design, start, left, weights, scale,
-                         *(noises[-1:] if mixed else noises))
-
-    def _rotation(self, fitted):
-        """Terms of the exact rotations that a fit ends with."""
-        values = dict(zip(self.base.common, fitted.coefficients))
-        return {**self.start, **{name: values[name] for name in self.base.common
-                                 if name in self.obs.context.mount.names.terms}}
-
-    def model(self, fitted, chosen, obs=None):
-        """What a fit of these rows, or of others, gives as a model.
-
-        Returns
-        -------
-        model : PointingModel
-            With the effects.
-        run_terms : dict
-            Run -> terms that it fitted for itself, arcsec.
-        """
-        obs, base = obs or self.obs, self.base
-        p, common, start = fitted.coefficients, base.common, self.start
-        values = dict(zip(common, p))
-        k, count = len(common), base.harmonic_count
-        harmonics = None
-        if count:
-            full = np.zeros((2, COUNT))
-            full[:, :count] = p[k:k + 2 * count].reshape(2, count)
-            covariance = np.zeros((2 * COUNT, 2 * COUNT))
-            index = np.concatenate((np.arange(count), COUNT + np.arange(count)))
-            covariance[np.ix_(index, index)] = fitted.covariance[k:k + 2 * count, k:k + 2 * count]
-            harmonics = Harmonics(base.interpretation, full[0], full[1], covariance)
-        sigma = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0))
-        at, found = k + 2 * count, []
-        for e in (c.effect(self.problem) for c in chosen):
-            part = slice(at, at + len(e.coefficient_names))
-            found.append(FittedEffect(e, p[part], sigma[part]))
-            at = part.stop
-        own = base.own
-        run_terms = {int(r): dict(zip(own, p[at + i * len(own):at + (i + 1) * len(own)]))
-                     for i, r in enumerate(np.unique(obs.label))} if own else {}
-        for t in base.own:
-            values[t] = start.get(t, 0.0) + float(np.median(
-                [r[t] for r in run_terms.values()]))
-        covariance = np.zeros((len(values), len(values)))
-        covariance[:k, :k] = fitted.covariance[:k, :k]
-        facts = {'method': 'diagnosis', 'source': obs.run.meta.get('source'),
-                 'rows': len(obs), 'encoder': obs.encoder}
-        if base.own:
-            facts['own_terms'] = list(base.own)
-            facts['own_terms_are'] = 'the median of the runs'
-        texts = {str(obs.runs[r]): {t: (v + start.get(t, 0.0)) / ARCSEC
-                                    for t, v in terms.items()} for r, terms in run_terms.items()}
-        return PointingModel({t: values[t] for t in [*common, *base.own]}, covariance,
-                             harmonics, facts, 'rotation', found, obs.run.mount,
-                             sides=rows_by_side(obs.run.mount, obs.run['el'])), texts
-
-
-def _geometric(obs, base):
-    """Which of the common terms turn the mount."""
-    return [i for i, t in enumerate(base.common) if t in obs.context.mount.names.terms]
-
-
-def exact_fit(obs, base, design, start, left, weights, scatter, noise, true_noise=None):
-    """Exact rotations with the effects, by iteration.
-
-    Parameters
-    ----------
-    obs : Observations
-    base : Base
-    design : GroupColumns
-        Of the base and the effects.
-    start : dict of str to float
-        Terms of the rotations to begin with.
-    left : ndarray, shape (2n,)
-        What these leave.
-    weights : ndarray, shape (n,)
-        Of the rows.
-    scatter : ndarray, shape (2,)
-        Of the axes.
-    noise : WhiteNoise or CorrelatedNoise
-        With these weights and that scatter.
-    true_noise : WhiteNoise or CorrelatedNoise, optional
-        By which the covariance is, where it is another.
-
-    Returns
-    -------
-    Estimate
-        First of the common coefficients, then of those of each run; the covariance is that of the
-        common ones.
-    """
-    common, geometric = base.common, _geometric(obs, base)
-    solve, start = design.solver(noise), dict(start)
-    for _ in range(4):
-        p, own = solve(left)
-        residual = left - np.append(p, own) @ design
-        step = p[geometric].copy()
-        # what the geometric terms gained goes into the rotations
-        for i, d in zip(geometric, step):
-            start[common[i]] += d
-        if not geometric or np.abs(step).max() < 1e-5 * ARCSEC:
-            break
-        left, _ = after_rotation(obs, start)
-    p[geometric] = [start[common[i]] for i in geometric]
-    inverse = solve.inverse if true_noise is None else solve.inverse_under(true_noise)
-    return Estimate(np.append(p, own), inverse, np.full(len(p), np.inf), tuple(scatter), residual,
-                    weights, len(design), robust=True)

@@ -12,6 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+
 """Days in one file: which rows are a session, and what each session fits for itself.
 
 Between two nights a zero is set anew, a receiver is mounted again, the structure settles: what is
@@ -21,33 +22,20 @@ as well; what else moves from session to session is chosen the same way, by BIC.
 """
 
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from calibration.estimation.correlated_noise import EIGEN, WhiteNoise
-from calibration.estimation.group_columns import inverse_root
-from calibration.estimation.linear_model import DISTINCT, LIVE, weighted_fit
 from calibration.estimation.robust import GROSS
 from pointing_model.runs.run import PointingRun
 
 from ..finding import Finding
-from ..term_fit import fit_terms
-from .diagnosis_base import Base, linearised, mount_of, observations
-from .residual_patterns import MOST_ROWS, ResidualRows, step_of
+from .base_terms import Base
+from .observations import mount_of, observations, run_labels
+from .session_starts import AT_STEPS, add_note, divisions, session_count, session_note, split
+from .session_trial import SessionTrial
 
-#: gaps that may end a session, h: a break, the day between two nights, a day without observing
-GAPS = (3.0, 6.0, 12.0)
-#: what is tried beside the zeros, together: where the camera sits, how the axis leans, how the
-#: tube and the axes stand
-_MOVING = (('CA',), ('AN', 'AW'), ('TF',), ('NPAE',))
-#: stretches that each session is divided in, to leave one out; a shorter session is not compared
-_PARTS, _LONG_ENOUGH = 3, 9
-#: rows that the question is put to, at most; steps in a run
-_ROWS, _STEPS = 10000, 5
-#: in the place of hours: sessions begin where places visited again disagree
-_AT_STEPS = 'steps'
+_ROWS = 10000  # that the question is put to, at most
 
 
 class Sessions(NamedTuple):
@@ -68,39 +56,15 @@ class Sessions(NamedTuple):
     hours: float | None = None
 
 
-def in_sessions(run, hours):
-    """A run with its sessions numbered, and a note of how many there are.
-
-    Raises
-    ------
-    ValueError
-        No number of hours above 0, or no time in some row: with the file.
-    """
-    if not hours > 0.0:
-        raise ValueError(f'sessions at gaps of {hours:g} h: give a number of hours above 0')
-    source = run.meta.get('source', 'run')
-    try:
-        out = run.in_sessions(hours)
-    except ValueError as err:
-        raise ValueError(f'{source}: {err}') from None
-    return _noted(out, 'sessions', hours)
-
-
-def split(runs, hours):
-    """`in_sessions` of a run, or of each of several."""
-    return [in_sessions(run, hours) for run in
-            ([runs] if isinstance(runs, PointingRun) else runs)]
-
-
-def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc',
+def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
             least_step=GROSS):
     """Number the sessions, and choose what each fits for itself.
 
     Parameters
     ----------
     runs : PointingRun or sequence of PointingRun
-    base : str
-        The declared model.
+    base : Base, optional
+        The declared model; by default the physical terms of the mount.
     own_terms : sequence of str, optional
         Terms that each session fits for itself; by default chosen: the zeros, and of CA, AN with
         AW, TF and NPAE what pays by BIC.
@@ -123,213 +87,31 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc',
         See `in_sessions` and `observations`.
     """
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
-    if sessions is not None and sessions != 0.0:
+    mount = mount_of(runs)
+    base = Base(mount.names.physical) if base is None else replace(base, own=())
+    if sessions:
         runs = split(runs, sessions)
-    if sessions == 0.0:
-        return Sessions(runs, _default(runs, own_terms))
-    gaps = GAPS if sessions is None else ()
-    ways = [(None, runs)] + [(gap, parts) for gap in gaps for parts in [_split(runs, gap)] if parts]
-    if sessions is None:
-        parts = [at_steps(run, base, encoder, least_step) for run in runs]
-        ways += [(_AT_STEPS, parts)] * (_count(parts) > _count(runs))
-    # of two gaps that make the same sessions the shorter one is said
-    ways = [way for i, way in enumerate(ways)
-            if not any(_count(way[1]) == _count(earlier) for _, earlier in ways[:i])]
-    if own_terms is not None and len(ways) == 1:
-        return Sessions(runs, tuple(own_terms), sessions)
-    if len(ways) == 1 and _count(runs) < 2:
-        return Sessions(runs, _default(runs, own_terms), sessions)
-    trial = _SessionTrial(max(ways, key=lambda way: _count(way[1]))[1], base, encoder)
-    found = [(*trial.best(parts, own_terms), gap, parts) for gap, parts in ways]
+    ways = divisions(runs, base.terms, encoder, least_step) if sessions is None else [(None, runs)]
+    if len(ways) == 1 and (own_terms is not None or sessions == 0.0 or session_count(runs) < 2):
+        zeros = mount.names.index if session_count(runs) > 1 else ()
+        return Sessions(runs, zeros if own_terms is None else tuple(own_terms), sessions or None)
+    obs = observations(runs, encoder)
+    if len(obs) > _ROWS:
+        obs = obs.select(np.arange(len(obs))[::-(-len(obs) // _ROWS)])
+    rows = obs.run['row']
+    labels = [run_labels(parts)[1][rows] for _, parts in ways]
+    most = int(np.argmax([session_count(parts) for _, parts in ways]))
+    trial = SessionTrial(obs, base, labels[most])
+    found = [(*trial.best(label, own_terms), gap, parts)
+             for label, (gap, parts) in zip(labels, ways)]
     # more sessions than were given must pay, and predict stretches that are left out
     found = found[:1] + [one for one in found[1:] if one[1] < found[0][1]]
     _, _, own, gap, parts = min(found, key=lambda one: one[0])
-    gaps = [gap for gap, _ in ways[1:] if gap != _AT_STEPS]
+    gaps = [gap for gap, _ in ways[1:] if gap != AT_STEPS]
     if gap is None and gaps:
-        parts = [_noted(run, 'gaps without sessions', gaps[0]) for run in parts]
-    elif gap not in (None, _AT_STEPS):
-        parts = [_noted(run, 'sessions found', gap) if 'run' in run else run for run in parts]
-    if own_terms is None and set(own) - set(mount_of(runs).names.index):
-        parts[0] = _with_note(parts[0], Finding('terms of sessions', causes=tuple(own)))
-    return Sessions(parts, own, None if gap == _AT_STEPS else gap or sessions)
-
-
-def _noted(run, kind, hours):
-    """The run with a Finding on its sessions."""
-    return _with_note(run, Finding(kind, hours, unit='h', evidence={
-        'source': Path(run.meta.get('source', 'run')).name,
-        'sessions': len(np.unique(run['run'])) if 'run' in run else 1}))
-
-
-def _with_note(run, found):
-    return PointingRun(run.columns, {
-        **run.meta, 'notes': [*run.meta.get('notes', ()), found]})
-
-
-def _count(runs):
-    """Runs in `runs`, by file and column."""
-    return sum(len(np.unique(run['run'])) if 'run' in run else 1 for run in runs)
-
-
-def _default(runs, own_terms):
-    if own_terms is not None:
-        return tuple(own_terms)
-    return mount_of(runs).names.index if _count(runs) > 1 else ()
-
-
-def _split(runs, hours):
-    """All runs split at gaps, or None where no run has one."""
-    out = []
-    for run in runs:
-        time = np.asarray(run.get('time'), float)
-        out.append(run.in_sessions(hours) if np.isfinite(time).all() else run)
-    return out if _count(out) > _count(runs) else None
-
-
-def at_steps(run, base='physical', encoder='enc', least_step=0.0):
-    """A run with sessions that begin where places visited again disagree at once.
-
-    Parameters
-    ----------
-    run : PointingRun
-    base : str
-        Of its terms those are fitted that leave the residuals which are compared.
-    encoder : {'enc', 'abs'}
-    least_step : float
-        Times the noise of one visit, from where a step begins a session.
-
-    Returns
-    -------
-    PointingRun
-        With a Finding for each step; as it was where there is none.
-    """
-    terms = Base.parse(base, (), run.mount).terms or run.mount.names.physical
-    step = -(-len(run) // MOST_ROWS)
-    for _ in range(_STEPS):
-        part = run if step < 2 else run.select(slice(None, None, step))
-        try:
-            fitted = fit_terms(part, terms, encoder=encoder, run_zeros='run' in run)
-        except ValueError:  # whoever fits them says why
-            break
-        rows = ResidualRows.from_fit(part, fitted, encoder)
-        if step > 1:
-            rows = rows._replace(lines=run.lines[::step][rows.lines])
-        position, found = step_of(rows, terms, least_step)
-        if found is None:
-            break
-        time = np.asarray(run.get('time'), float)
-        when = time if np.isfinite(time).all() else np.arange(len(run)) / step
-        own = run.get('run', 1.0) * 2.0 + (when > position)
-        run = _with_note(PointingRun({
-            **run.columns, 'run': 1 + np.unique(own, return_inverse=True)[1]}, run.meta),
-            replace(found, todo='own zeros'))
-    return run
-
-
-class _SessionTrial:
-    """Fits with terms of each session's own, all with the weights of one robust fit.
-
-    A fit that may call rows outliers that another has explained would win by it.
-
-    Parameters
-    ----------
-    runs : list of PointingRun
-        With the sessions that have the most freedom.
-    base : str
-    encoder : {'enc', 'abs'}
-    """
-
-    def __init__(self, runs, base, encoder):
-        self._base, self._encoder = base, encoder
-        obs = self._observations(runs)
-        self._context, self._n = obs.context, len(obs)
-        self._mount = obs.run.mount
-        self._terms = Base.parse(base, (), self._mount).terms
-        self._order = np.arange(self._n) if obs.context.get('time') is None \
-            else np.argsort(np.argsort(obs.context.get('time'), kind='stable'))
-        self._left = linearised(obs, Base.parse(base, (), self._mount))[1]
-        columns = Base.parse(base, self._mount.names.index, self._mount).columns(
-            obs.context, obs.label)
-        fit = weighted_fit(columns, self._left, obs.inverse_sigma)
-        given = 1.0 if obs.inverse_sigma is None else obs.inverse_sigma
-        self._root = given * np.concatenate([np.sqrt(fit.weights) / s for s in fit.scale])
-        self._live = fit.weights > LIVE
-
-    def _observations(self, runs):
-        obs = observations(runs, self._encoder)
-        if len(obs) > _ROWS:
-            obs = obs.select(np.arange(len(obs))[::-(-len(obs) // _ROWS)])
-        return obs
-
-    def best(self, runs, own_terms):
-        """Score of these sessions, and the own terms that reach it.
-
-        Parameters
-        ----------
-        runs : list of PointingRun
-        own_terms : sequence of str or None
-            None: to be chosen.
-
-        Returns
-        -------
-        tuple
-            (BIC, RMS of stretches left out, own terms).
-        """
-        label = np.unique(self._observations(runs).label, return_inverse=True)[1]
-        if label.max() == 0:
-            return (*self._score((), label), own_terms or ())
-        if own_terms is not None:
-            return (*self._score(tuple(own_terms), label), tuple(own_terms))
-        names = self._mount.names
-        own = names.index
-        groups = [g for g in (tuple(map(names.named, group)) for group in _MOVING)
-                  if set(g) <= set(self._terms)]
-        bic, left_out = self._score(own, label)
-        while groups:
-            tried = [(*self._score(own + group, label), group) for group in groups]
-            tried = [one for one in tried if one[0] < bic and one[1] < left_out]
-            if not tried:
-                break
-            bic, left_out, group = min(tried)
-            own += group
-            groups.remove(group)
-        return bic, left_out, own
-
-    def _score(self, own, label):
-        """k ln n - 2 ln L, with noise of its own for each axis, and the RMS of rows left out."""
-        columns = Base.parse(self._base, own, self._mount).columns(self._context, label)
-        live = int(self._live.sum())
-        residual, count = self._fit(columns, self._root)
-        if 2 * live < count + 4:
-            return np.inf, np.inf
-        rss = np.square(residual * self._root).reshape(2, -1).sum(axis=1) + 1e-30
-        bic = live * float(np.log(rss / live).sum()) + count * np.log(live)
-        place, size = np.empty(self._n, int), np.empty(self._n, int)
-        for session in range(label.max() + 1):
-            rows = np.flatnonzero(label == session)
-            place[rows[np.argsort(self._order[rows])]] = np.arange(len(rows))
-            size[rows] = len(rows)
-        long_enough = self._live & (size >= _LONG_ENOUGH)
-        total = 0.0
-        for part in range(_PARTS):
-            out = np.tile(place * _PARTS // size == part, 2)
-            left, _ = self._fit(columns, np.where(out, 0.0, self._root))
-            total += np.square((left * self._root)[out & np.tile(long_enough, 2)]).sum()
-        return bic, np.sqrt(total / max(long_enough.sum(), 1))
-
-    def _fit(self, columns, root):
-        """What is left of all rows, shape (2n,), and how many coefficients were determined."""
-        common, b, noise = columns.common, self._left, WhiteNoise(root)
-        groups = columns.whitened(noise).orthonormal_groups()
-        white, left = noise.whiten(common), groups.off(noise.whiten(b))
-        length = np.sqrt(np.square(white).sum(axis=1))
-        white = groups.off(white)
-        white[np.sqrt(np.square(white).sum(axis=1)) < DISTINCT * length] = 0.0
-        scale = np.where(white.any(axis=1), length, 1.0)[:, None]
-        p = np.linalg.lstsq((white / scale).T, left, rcond=EIGEN)[0] / scale[:, 0]
-        out = b - p @ common
-        if columns.groups:
-            # what the rows of a session hardly determine is taken as zero
-            known = inverse_root(columns.own_normal(root**2), DISTINCT**2)
-            out -= columns.spread(columns.share(out[None], root**2, known))[0]
-        return out, len(groups) + np.count_nonzero(white.any(axis=1))
+        parts = [session_note(run, 'gaps without sessions', gaps[0]) for run in parts]
+    elif gap not in (None, AT_STEPS):
+        parts = [session_note(run, 'sessions found', gap) if 'run' in run else run for run in parts]
+    if own_terms is None and set(own) - set(mount.names.index):
+        parts[0] = add_note(parts[0], Finding('terms of sessions', causes=tuple(own)))
+    return Sessions(parts, own, None if gap == AT_STEPS else gap or sessions)

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Comparison on rows left out: cross-validation with the choice repeated, and runs held out.
+"""Comparison on rows left out: cross-validation with the choice repeated.
 
-A run held out is a new night of the same mount. Something may be significant though these
+Something may be significant though these
 observations cannot test it: it is neither found nor absent. What is dropped because rows or runs
 that are left out are predicted worse is, as a rule, no effect of the mount. Where it carries most
 of the error, or where the declared model itself fails on what is left out, the runs are too few or
@@ -23,37 +23,26 @@ too unequal to say so: without one of them the rest does not determine it.
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from pathlib import PurePath
 
 import numpy as np
 
 from calibration.estimation.chance import NESTED_FLIPS, Chance
 from calibration.estimation.folds import (
-    contiguous_folds,
     cross_validate,
     effective_runs,
     predicted,
-    random_folds,
-    run_folds,
 )
-from calibration.estimation.group_columns import GroupColumns
-from calibration.estimation.linear_model import weighted_fit
 from calibration.estimation.select import choose
 from msg_tools.forks import forked
 from msg_tools.units import ARCSEC
-from pointing_model.fitted_effects import total
+from pointing_model.effects.base import readable
 from pointing_model.mounts import ALTAZ
-from pointing_model.pointing_terms import stacked_design
-from pointing_model.rms import radial_arcsec
 
 from ..finding import Finding
-from .diagnosis_base import observations
-from .row_facts import nights_held_out
+from .alternatives import cause_counts, run_counts
+from .expected_error import ahead, expected_error
+from .partitions import FEW_FOLDS, RUNS, partitions_of
 
-#: folds of the cross-validation; of `LONG` rows on, where each takes long, at most `FEW_FOLDS`
-FOLDS, FEW_FOLDS, LONG = 10, 5, 1500
-#: runs from which on whole runs are left out: with fewer, a fold is a third of all there is
-RUNS = 4
 #: partitions into folds over which the figure of rows left out at random is a mean: at least and at
 #: most; from `MANY` rows on, where a row more or less in a fold changes little, one at least
 PARTITIONS, MOST_PARTITIONS, MANY = 2, 10, 250
@@ -73,32 +62,6 @@ _LOST = 0.1
 #: where nothing was. On 150 clean nights each of 12, 16, 30 and 60 stars it was 1.5, 1.4, 1.1 and
 #: 1.0 at most.
 _FAILS, _FAILS_ALONE = 1.3, 1.6
-
-
-def partitions_of(problem, count, rng):
-    """Folds by which a choice is judged: at random and in stretches; whole runs from 4 runs on.
-
-    Parameters
-    ----------
-    problem : SelectionProblem
-    count : int
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    list of list of ndarray of int
-    """
-    sequence = problem.sequence
-    if problem.n > LONG:
-        count = min(count, FEW_FOLDS)
-    if effective_runs(sequence.run) >= RUNS:
-        return [run_folds(sequence.run, min(count, len(np.unique(sequence.run))), rng)]
-    return [random_folds(sequence.group, count, rng), _stretches(problem, count)]
-
-
-def _stretches(problem, count):
-    """Folds of neighbours in time (or in the order of the rows), who may share their error."""
-    return contiguous_folds(np.argsort(problem.sequence.order), count)
 
 
 @dataclass
@@ -397,56 +360,40 @@ def nested(problem, folds, alpha, rng, remembers=False, flips=NESTED_FLIPS, whol
     return out, choices
 
 
-def hold_out(runs, result, own_terms, encoder='enc'):
-    """Put the radial RMS on left-out runs, without and with the effects, into a result.
-
-    The model stays as it is but for `own_terms`, which each run refits robustly on its own rows:
-    so does an observer on a new night.
+def add_errors(result, found, run, choice, errors, rng):
+    """Put the figures of rows left out into a result.
 
     Parameters
     ----------
-    runs : PointingRun or sequence of PointingRun
     result : Diagnosis
-    own_terms : sequence of str
-    encoder : {'enc', 'abs'}
+    found : list of DiagnosedEffect
+        Of the choice, which are in the result.
+    run : RunProblem
+    choice : ModelChoice
+    errors : CrossValidation
+    rng : numpy.random.Generator
     """
-    obs = observations(runs, encoder)
-    left, kept = [], np.ones(len(obs), bool)
-    for model in (result.base_model, result.model):
-        fit = _refit(obs, model, own_terms)
-        left.append(fit.raw.reshape(2, -1))
-        kept &= fit.weights > 0.0
-    for entry, residual in zip((result.before, result.after), left):
-        entry['holdout_rms_arcsec'] = radial_arcsec(residual, kept)
-    result.held_out = nights_held_out(obs, left, kept, result)
-    notes = [Finding('held out', evidence={'of': one}) for one in _left_out(obs)]
-    for found in result.model.effects:
-        lost = np.count_nonzero(found.unknown(obs.context))
-        if lost:
-            notes.append(Finding('unknown driver held out', lost, unit='rows', evidence={
-                'effect': found.effect.name, 'driver': found.effect.driver, 'rows': len(obs)}))
-    result.notes += [Finding('runs held out', len(obs), unit='rows', evidence={
-        'runs': len(obs.runs), 'refitted': list(own_terms),
-        'outliers': int(np.sum(~kept))}), *notes]
-
-
-def _left_out(obs):
-    reasons = {}
-    for e in obs.excluded:
-        place = f'{PurePath(str(e.get("source") or "run")).name}:{e["row"]}'
-        reasons.setdefault(e['reason'], []).append(place)
-    return [*obs.notes, *(Finding('rows left out', evidence={'rows': places, 'why': reason})
-                          for reason, places in reasons.items())]
-
-
-def _refit(obs, model, own_terms):
-    az, el = obs.context.az, obs.context.el
-    # the effects by the drivers of the whole run: a row may have one from the row before
-    b = obs.observed - np.nan_to_num(np.concatenate(replace(model, effects=()).offsets(az, el))) \
-        - np.concatenate(total(model.effects, obs.context))
-    own = stacked_design(tuple(own_terms), az, el, obs.run.mount)
-    columns = GroupColumns.of(np.tile(obs.label, 2), own)
-    return weighted_fit(columns, b, obs.inverse_sigma, final=True)
+    problem = run.problem
+    if not choice.chosen:  # the model stays as it was
+        errors.before, errors.stretches = errors.after, {
+            key: errors.stretches[key.replace('before', 'after')] for key in errors.stretches}
+    for entry, gain in zip(found, choice.gains):
+        entry.cv_gain_arcsec = float(gain)
+    for entry, one in ((result.before, errors.before), (result.after, errors.after)):
+        entry.update(cv_rms_arcsec=one['radial'], cv_rms_x_arcsec=one['x'],
+                     cv_rms_y_arcsec=one['y'])
+    if errors.spread and choice.chosen:
+        errors.spread |= cause_counts(errors.chosen, found) | run_counts(problem, choice)
+    result.after['cv_spread'] = errors.spread
+    result.cv_contiguous, result.cautions = errors.stretches, errors.cautions
+    result.expected = expected_error(errors.left_out, choice.fit.weights > 0.0,
+                                     problem.sequence.order, rng,
+                                     *ahead(problem, choice.chosen, rng))
+    if not problem.sequence.timed:
+        result.expected['within'] = 'ten rows'
+    mark_undecided(result, [readable(c.effect(problem).name) for c in
+                            choice.dropped_by_cv + choice.not_repeated],
+                   result.ranking[0]['delta_bic'] if result.ranking else 0.0)
 
 
 def mark_undecided(result, dropped, delta_bic):

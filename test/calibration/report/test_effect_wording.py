@@ -19,7 +19,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calibration.analysis.diagnosis.diagnosis_result import cause_entry
+from calibration.analysis.diagnosis.effect_causes import cause_entry
 from calibration.report.effect_wording import effect_summary, effect_title
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context

@@ -17,7 +17,7 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.diagnosis import not_taken
+from calibration.analysis.diagnosis.diagnosis_result import not_taken
 from calibration.analysis.diagnosis.readings import Reading
 from calibration.analysis.term_fit import fit_terms
 from calibration.report.wording import wording
@@ -144,7 +144,8 @@ def test_a_right_ascension_in_place_of_the_hour_angle_is_told_how_it_is_read():
 
 def test_auxiliary_readings_that_are_a_temperature_are_told_how_to_be_used():
     def note(name):
-        return wording(not_taken(Context(np.zeros(3), np.ones(3), {name: np.arange(3.0)})))
+        (found,) = not_taken(Context(np.zeros(3), np.ones(3), {name: np.arange(3.0)}))
+        return wording(found)
     assert 'auxiliary_1' in note('auxiliary_1') and 'call the column temperature_c' in note(
         'auxiliary_1')
     assert 'temperature_c' not in note('fwhm') and '--cause COLUMN' in note('fwhm')

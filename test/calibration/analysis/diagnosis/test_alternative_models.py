@@ -27,7 +27,8 @@ from calibration.analysis.diagnosis.alternatives import (
     compare_alternatives,
     repeated_choice,
 )
-from calibration.analysis.diagnosis.diagnosis_result import diagnosed_effect, verdict_of
+from calibration.analysis.diagnosis.diagnosis_result import verdict_of
+from calibration.analysis.diagnosis.effect_causes import diagnosed_effect
 from calibration.estimation.candidates import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance
 from calibration.estimation.correlated_noise import WhiteNoise

@@ -20,14 +20,8 @@ import numpy as np
 import pytest
 
 from calibration.analysis.diagnosis.discriminating_star import Points
-from calibration.analysis.diagnosis.next_observations import (
-    DARK,
-    _grid,
-    _matters,
-    dark_hours,
-    next_night,
-    utc_of,
-)
+from calibration.analysis.diagnosis.next_observations import _grid, _matters
+from calibration.analysis.diagnosis.night_hours import DARK, dark_hours, next_night, utc_of
 from calibration.report.observation_wording import place_words
 from msg_tools.units import DEG
 from pointing_model.context import Context
@@ -79,7 +73,7 @@ def test_in_the_summer_of_the_north_the_darkest_hour_is_proposed():
 @pytest.mark.parametrize('before, tomorrow', [(7.0, False), (3.0, False), (0.0, True)])
 def test_no_proposal_lies_in_daylight(before, tomorrow):
     known = rows(DAWN - 3600.0 * before)
-    context, later, _, next_one = _grid(SimpleNamespace(context=known))
+    context, later, _, next_one, _ = _grid(known)
     assert next_one is tomorrow
     assert max(sun(known, h) for h in np.unique(later)) < DARK
     assert len(context) % (8 * len(np.unique(later))) == 0

@@ -17,8 +17,9 @@
 import numpy as np
 import pytest
 
+from calibration.analysis.diagnosis.base_terms import Base
 from calibration.analysis.diagnosis.detection_limits import detectable
-from calibration.analysis.diagnosis.diagnosis_base import Base, observations
+from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.estimation.chance import Chance
 from calibration.estimation.select import search

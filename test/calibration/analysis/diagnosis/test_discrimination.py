@@ -21,9 +21,9 @@ import pytest
 from simulated import FAST, SITE, TRUTH, night
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.diagnosis_base import observations
 from calibration.analysis.diagnosis.discriminating_star import SEPARATE, Points
 from calibration.analysis.diagnosis.discrimination import Discrimination
+from calibration.analysis.diagnosis.observations import observations
 from calibration.report.wording import worded, wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry

@@ -21,14 +21,8 @@ import pytest
 from simulated import FAST
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.next_observations import (
-    BEYOND,
-    _grid,
-    _members,
-    on_turn,
-    places_under,
-    turned_to,
-)
+from calibration.analysis.diagnosis.next_observations import _grid, _members
+from calibration.analysis.diagnosis.observation_places import BEYOND, on_turn, places_under
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.mounts import ALTAZ, Mount, is_beyond
@@ -43,15 +37,15 @@ from pointing_model.sky.skyline import parse_horizon
     ((40.0,), (36.0, 44.0), (220.0, 50.0))])
 def test_an_axis_has_been_where_it_was_and_between(seen, inside, outside):
     seen = np.array(seen) * DEG
-    assert turned_to(seen, np.array(inside) * DEG).all()
-    assert not turned_to(seen, np.array(outside) * DEG).any()
+    assert on_turn(seen, np.array(inside) * DEG)[1].all()
+    assert not on_turn(seen, np.array(outside) * DEG)[1].any()
 
 
 def test_angles_lie_on_the_turn_of_the_rows():
     seen = np.array([3.7, 175.2]) * DEG
-    np.testing.assert_allclose(on_turn(seen, np.array([-180.0, 180.0, -1.0, 90.0]) * DEG) / DEG,
-                               [180.0, 180.0, -1.0, 90.0])
-    other = on_turn(-seen, np.array([180.0, -90.0]) * DEG)
+    angles, _ = on_turn(seen, np.array([-180.0, 180.0, -1.0, 90.0]) * DEG)
+    np.testing.assert_allclose(angles / DEG, [180.0, 180.0, -1.0, 90.0])
+    other, _ = on_turn(-seen, np.array([180.0, -90.0]) * DEG)
     np.testing.assert_allclose(other / DEG, [-180.0, -90.0])
 
 
@@ -59,7 +53,7 @@ def test_possible_places_are_on_the_turn_of_the_rows():
     mount = Mount.equatorial(31.0 * DEG, 'german')
     first, second = np.array([3.0, 60.0, 120.0, 177.0]) * DEG, np.array([40, 20, 150, 120]) * DEG
     context = Context(first, second, mount=mount)
-    places = _grid(SimpleNamespace(context=context))[0].az
+    places = _grid(context).context.az
     # a straight line of the angle has no jump at half a turn, where the grid has directions
     assert places.min() > first.min() - 2.0 * BEYOND and places.max() < first.max() + 2.0 * BEYOND
     assert np.any(np.abs(places - np.pi) < 1e-9)
@@ -89,7 +83,7 @@ def test_nothing_is_proposed_behind_the_skyline(mount):
             run.meta['skyline'], kept = (), run.meta['skyline']
         else:
             run.meta['skyline'] = kept
-        az, el = _grid(SimpleNamespace(context=Context.from_run(run)))[0].on_horizon()
+        az, el = _grid(Context.from_run(run)).context.on_horizon()
         behind = (np.mod(az, 2.0 * np.pi) > 89.0 * DEG) & (
             np.mod(az, 2.0 * np.pi) < 181.0 * DEG) & (el < 60.0 * DEG)
         places[known] = len(az), int(behind.sum())

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from places import ROOT
 
-from calibration.analysis.diagnosis.diagnosis_base import Base, observations
+from calibration.analysis.diagnosis.base_terms import Base
+from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.prediction import better_prediction, predictive_model
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC

@@ -22,13 +22,14 @@ import pytest
 from simulated import FAST, make_context, make_problem, names, night, oval_disc
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.diagnosis_base import sequence_of, star_groups
+from calibration.analysis.diagnosis.observations import sequence_of, star_groups
 from calibration.analysis.diagnosis.residual_correlation import (
     PairDifferences,
     beyond_terms,
     slow_noise,
     trend,
 )
+from calibration.analysis.diagnosis.residual_patterns import ResidualRows
 from calibration.analysis.diagnosis.row_facts import repeats
 from calibration.analysis.term_fit import fit_terms
 from calibration.estimation.correlated_noise import (
@@ -341,9 +342,14 @@ def test_a_star_that_stands_twice_is_told():
     group = star_groups(context, np.arange(4.0), np.zeros(4, int), False)
     assert group.tolist() == [0, 1, 1, 3]
     left = ARCSEC * np.array([[0.0, 1.0, 1.3, 0.0], [0.0, 2.0, 2.4, 0.0]])
-    text = wording(repeats(group, [11, 12, 13, 14], left, 'line'))
+
+    def rows(group):
+        sequence = Sequence(np.arange(4.0), np.zeros(4, int), np.ones(4), group=group)
+        return ResidualRows(context, sequence, [11, 12, 13, 14], left, 'line')
+    (found,) = repeats(rows(group))
+    text = wording(found)
     assert text.startswith('lines 12 and 13 are repeated') and 'differ by 0.50″' in text
-    assert repeats(np.arange(4), [1, 2, 3, 4], left) is None
+    assert repeats(rows(np.arange(4))) == []
 
 
 def test_errors_of_terms_beside_a_wander_are_those_of_all_noise():

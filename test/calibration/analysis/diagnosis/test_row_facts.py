@@ -19,7 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.row_facts import nights_held_out
+from calibration.analysis.diagnosis.holdout import nights_held_out
 from calibration.report.row_wording import bad_nights, worst_sentence
 from msg_tools.units import ARCSEC
 

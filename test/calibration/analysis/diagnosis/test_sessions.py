@@ -18,8 +18,9 @@ import numpy as np
 import pytest
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.diagnosis_base import Base
-from calibration.analysis.diagnosis.sessions import arrange, in_sessions, split
+from calibration.analysis.diagnosis.base_terms import Base
+from calibration.analysis.diagnosis.session_starts import in_sessions, split
+from calibration.analysis.diagnosis.sessions import arrange
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
@@ -78,7 +79,7 @@ def test_what_else_moves_is_chosen():
     assert files.own_terms == ('IA', 'IE', 'AN', 'AW') and files.hours is None
     assert arrange(nights(3)).own_terms == ('IA', 'IE')
     # never what the base does not have
-    assert not {'AN', 'AW'} & set(arrange(joined(2, **leaning), 'index').own_terms)
+    assert not {'AN', 'AW'} & set(arrange(joined(2, **leaning), Base.parse('index')).own_terms)
 
 
 def test_the_user_has_the_last_word():

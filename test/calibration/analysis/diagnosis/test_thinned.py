@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.diagnosis_base import observations
+from calibration.analysis.diagnosis.observations import observations
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from calibration.report.wording import wording

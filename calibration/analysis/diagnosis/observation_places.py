@@ -1,0 +1,162 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Places on the sky where a mount may observe, with all that effects ask of such an observation."""
+
+import numpy as np
+
+from msg_tools.units import DEG, covered, wrap
+from pointing_model.context import Context
+from pointing_model.mounts import is_beyond
+from pointing_model.sky.skyline import Horizon
+
+#: the first axis of a mount that is no alt-azimuth one is asked to go so much farther than it has
+BEYOND = 5.0 * DEG
+CLEAR = 3.0 * DEG  # a star is near the place, not at it
+SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
+
+
+def on_turn(seen, angles):
+    """Angles on the turn on which an axis has been, and whether it has been near them.
+
+    Parameters
+    ----------
+    seen : ndarray, shape (n,)
+        Where it has been, rad; it is taken never to have been in the largest gap between two of
+        them.
+    angles : ndarray
+        rad.
+
+    Returns
+    -------
+    angles : ndarray
+        rad: what grows with them has no jump between.
+    near : ndarray of bool
+        Within `BEYOND` of where it has been, or between.
+    """
+    first, span = covered(seen)
+    middle = 0.5 * (seen.min() + seen.max())
+    return (middle + wrap(angles - middle),
+            np.mod(angles - first + BEYOND, 2.0 * np.pi) <= span + 2.0 * BEYOND)
+
+
+def places_under(known, low, high, *conditions):
+    """Places on the sky for an observation, each under all conditions.
+
+    Of a mount that is no alt-azimuth one, as far as its first axis has turned in the rows: beyond,
+    the counterweight may be up. Behind the skyline, where it is known, is none.
+
+    Parameters
+    ----------
+    known : Context
+        Of the rows.
+    low, high : float
+        Elevations between which the places are, rad.
+    *conditions : sequence
+        The values of each.
+
+    Returns
+    -------
+    az, el : ndarray, shape (m,)
+        Angles of the axes, rad; the conditions change fastest.
+    *values : ndarray, shape (m,)
+        Of each condition.
+    """
+    mount = known.mount
+    beyond = np.unique(is_beyond(known.el)) if not mount.vertical else [False]
+    side, az, el = (v.ravel() for v in np.meshgrid(
+        beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), indexing='ij'))
+    if not mount.vertical:
+        az, el = mount.axes_of(az, el, side)
+        az, seen = on_turn(known.az, az)
+        az, el = (az[seen], el[seen]) if seen.any() else (known.az, known.el)
+    if known.skyline:
+        azimuth, elevation = mount.horizon_of(az, el)
+        beside = CLEAR / np.maximum(np.cos(elevation), CLEAR / np.pi)
+        skyline = Horizon(-0.5 * np.pi, known.skyline)
+        free = elevation > skyline.highest(azimuth, beside) + CLEAR
+        az, el = (az[free], el[free]) if free.any() else (known.az, known.el)
+    values = [v.ravel() for v in np.meshgrid(*conditions, indexing='ij')]
+    each = len(values[0])
+    return np.repeat(az, each), np.repeat(el, each), *(np.tile(v, len(az)) for v in values)
+
+
+def forecast(time, temperature, then, n):
+    """Temperature as far as the night's course tells it: the last of it, never beyond its range."""
+    good = np.isfinite(temperature)
+    if time is None or good.sum() < 5:
+        return np.full(n, np.nanmean(temperature))
+    slope, level = np.polyfit((time[good] - time[good].mean()) / 3600.0, temperature[good], 1)
+    guess = level + slope * (then - time[good].mean()) / 3600.0
+    return np.clip(guess, temperature[good].min() - 5.0, temperature[good].max() + 5.0)
+
+
+def observation_context(known, az, el, approach, later, short, warmer=0.0, **more):
+    """`Context` of observations after those of a run.
+
+    Parameters
+    ----------
+    known : Context
+        Of the rows.
+    az, el : ndarray, shape (m,)
+        Angles of the axes, rad.
+    approach : (ndarray, ndarray), shape (m,)
+        Of both axes, -1 or 1.
+    later : ndarray, shape (m,)
+        Hours after the last row.
+    short : ndarray of bool, shape (m,)
+        Reached by a move of `SHORT` back on the one before.
+    warmer : float
+        Kelvin beside the forecast.
+    **more : ndarray, shape (m,)
+        Other columns.
+    """
+    columns = {'az_enc': az, 'el_enc': el, **more}
+    time, temperature = known.get('time'), known.get('temperature')
+    if time is not None:
+        columns['time'] = np.nanmax(time) + 3600.0 * later
+        hours = known.get('run_hours')
+        if hours is not None:
+            columns['run_hours'] = hours[np.nanargmax(time)] + later
+    if known.get('order') is not None:
+        columns['order'] = np.ones_like(az)
+    if temperature is not None:
+        columns['temperature'] = warmer + forecast(time, temperature, columns.get('time'), len(az))
+    if 'run' in known.columns:
+        columns['run'] = np.full(len(az), known.columns['run'][-1])
+    for axis, side in zip(('az', 'el'), approach):
+        columns[f'approach_{axis}'], columns[f'before_{axis}'] = side, -side
+        columns[f'travel_{axis}'] = np.where(short, SHORT, np.inf)
+    out = Context(az, el, columns, known.latitude, known.longitude, known.mount)
+    out.raw_reading = known.raw_reading
+    return out
+
+
+def place_of(context, j):
+    """Where a proposal is: ``az_deg``, ``el_deg`` of the horizon, and a mount's own angles."""
+    place = [round(float(context.get(name)[j] / DEG), 6) % 360.0
+             for name in ('azimuth', 'elevation')]
+    return {'az_deg': place[0], 'el_deg': place[1], **_side(context, j)}
+
+
+def _side(context, j):
+    """Of another mount than an alt-azimuth one: its own angles, and whether through the pole."""
+    mount = context.mount
+    if mount.vertical:
+        return {}
+    angles = mount.on_travel(context.az[j], context.el[j])
+    return {**{f'{name}_deg': round(float(angle / DEG), 6)
+               for name, angle in zip(mount.names.columns, angles)},
+            'through_pole': bool(is_beyond(context.el[j]))}
