@@ -105,7 +105,8 @@ def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
                   f'cables and hoses of the {shaft} at both ends of its travel: their wrap, slack '
                   'and weight',
                   f'a slow curve of the {names.word("az")} counted in turns',
-                  f'cables of the {shaft} that drag', requires=(_ANGLE,), effort=1)
+                  f'cables of the {shaft} that drag', requires=(_ANGLE,), scan='cable_drag',
+                  scanned=0, effort=1)
 
 
 def propose(context, lacking, own):
