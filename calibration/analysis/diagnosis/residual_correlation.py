@@ -25,6 +25,7 @@ from scipy.special import chdtrc
 
 from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.linear_model import DISTINCT
 from calibration.estimation.significance import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
@@ -304,7 +305,7 @@ def trend(problem, chosen, name, one):
     dict or None
         ``rate_arcsec_per_hour`` (of the angle of the axis), ``share`` (of the variance that is
         left on it) and ``removes_rms_arcsec`` (radial on the sky, beyond the terms); None where
-        the rows have no times.
+        the rows have no times, or the model has an even drift.
     """
     sequence, n = problem.sequence, problem.n
     if not sequence.timed:
@@ -316,9 +317,12 @@ def trend(problem, chosen, name, one):
     hours = hours - (np.bincount(run, hours) / np.bincount(run))[run]
     column = np.zeros(2 * n)
     column[part] = hours * (sequence.factor if one.scaled else 1.0)
-    own, left = plain.basis.off(plain.noise.whiten(column)), plain.noise.whiten(plain.raw)
+    white, left = plain.noise.whiten(column), plain.noise.whiten(plain.raw)
+    own = plain.basis.off(white)
     size = float(own @ own)
-    rate = float(own @ left) / max(size, 1e-300)
+    if size <= DISTINCT**2 * float(white @ white):
+        return None
+    rate = float(own @ left) / size
     share = rate**2 * size / max(float(np.square(left[part]).sum()), 1e-300)
     return {'rate_arcsec_per_hour': rate / ARCSEC, 'share': share,
             'removes_rms_arcsec': beyond_terms(problem, (rate * column).reshape(2, -1), chosen)}

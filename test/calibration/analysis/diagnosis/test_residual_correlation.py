@@ -139,6 +139,9 @@ def test_an_even_drift_has_a_rate_and_a_share():
     assert told['removes_rms_arcsec'] == pytest.approx(beyond_terms(
         problem, drift.reshape(2, -1)), rel=0.05)
     assert trend(problem, [], 'az', AxisNoise())['share'] < 0.2
+    # a model with that drift leaves none, however rounding falls
+    drifts = GroupColumns.alone(np.vstack((problem.base.common, drift)))
+    assert trend(replace(problem, base=drifts), [], 'el', AxisNoise()) is None
 
 
 # --- what the diagnosis says of it ---------------------------------------------------------------
