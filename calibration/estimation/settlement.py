@@ -33,7 +33,8 @@ def settled(problem, choice, alpha, chance, partitions, alone=False):
     choice : ModelChoice
         Is changed.
     alone : bool
-        Whether it is not asked what could stand in the place of each; of a part it never is.
+        Whether it is not asked how each stands in the end, and what could stand in its place; of a
+        part it never is.
 
     Returns
     -------
@@ -53,13 +54,14 @@ def settled(problem, choice, alpha, chance, partitions, alone=False):
             choice.dropped_by_cv.append(choice.chosen[worst])
             choice.chosen = choice.without(worst)
         choice.fit = problem.plain.fit(choice.chosen)
-    choice.significances = significances(problem, choice, alpha, chance, alone or chance.of_part)
+    if not (alone or chance.of_part):
+        choice.significances = significances(problem, choice, alpha, chance)
     return choice
 
 
-def significances(problem, choice, alpha, chance, alone=False):
+def significances(problem, choice, alpha, chance):
     """`Significance` of each of a choice; parameters as of `settled`."""
-    return [significance(problem, choice, i, chance, alpha, alone)
+    return [significance(problem, choice, i, chance, alpha)
             for i in range(len(choice.chosen))]
 
 
