@@ -103,6 +103,14 @@ def _winding(c, mount, rng, reach=270.0 * DEG):
     return {'turns': turns}
 
 
+def _wound(c, mount, rng):
+    """As `_winding`, over the 1.2 turns from where a cage may be told from the axis."""
+    while True:
+        out = _winding(c, mount, rng)
+        if np.ptp(c['az'] + 2.0 * np.pi * out['turns']) > 1.25 * 2.0 * np.pi:
+            return out
+
+
 def _cage(c, mount, rng):
     """Balls of a bearing go round with their cage: (1 - d / D cos a) / 2 turns a turn."""
     way = rng.uniform(0.35, 0.6) * (c['az'] + 2.0 * np.pi * c['turns']) + rng.uniform(0.0, 6.0)
@@ -175,7 +183,7 @@ CAUSES = {
     'flop with play': Cause(('flop',), lambda c, m, r: _flop(c, m, r, 5.0 * DEG), ('altaz',)),
     'rail joint': Cause(('track_bump',), _joints),
     'rail joints, six': Cause(('track_bump',), lambda c, m, r: _joints(c, m, r, 6), ('altaz',)),
-    'bearing cage': Cause(('bearing_cage',), _cage, ('altaz',), prepare=_winding),
+    'bearing cage': Cause(('bearing_cage',), _cage, ('altaz',), prepare=_wound),
     'cable drag': Cause(('cable_drag',), _drag, ('altaz',), prepare=_winding),
     'off-axis camera': Cause(('off_axis',), _off_axis),
     'sag by side': Cause(('TF_by_side', 'focuser_sag'), _side_sag, ('german',)),

@@ -125,8 +125,9 @@ def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
         own = scores.basis(g)
         # what it shares nothing with, as one of the other axis, is no cause of the same
         equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT
-                  # nor what holds it and more, and fits no better
+                  # nor what holds it and more, and fits no better; a scan has directions, too
                   and (scores.delta_bic[k] > scores.delta_bic[g]
+                       or scores.dof[k] <= scores.dof[g] + bank.scan_cost[g]
                        or contained(own, scores.basis(k)) <= ALIAS)]
         same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
     every = scores.delta_bic

@@ -78,7 +78,8 @@ def _bearing_cage(ratio, how, turn=0, mount=USUAL):
 def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
     """A line of the unwrapped angle and its cube over the travel, held at the ends.
 
-    `slack`: the cables pull least elsewhere than in the middle of the travel, which takes a square.
+    `slack`: wherever they pull least, which takes a square too; models of before have it in the
+    middle.
     """
     names = KINDS[mount]
     shaft, turns = names.shaft('az'), half * 2.0 / _TURN
@@ -105,8 +106,7 @@ def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
                   f'cables and hoses of the {shaft} at both ends of its travel: their wrap, slack '
                   'and weight',
                   f'a slow curve of the {names.word("az")} counted in turns',
-                  f'cables of the {shaft} that drag', requires=(_ANGLE,), scan='cable_drag',
-                  scanned=0, effort=1)
+                  f'cables of the {shaft} that drag', requires=(_ANGLE,), effort=1)
 
 
 def propose(context, lacking, own):
@@ -125,6 +125,5 @@ def propose(context, lacking, own):
     middle, half = (0.0, 1.0) if drag else (
         float(0.5 * (values.min() + values.max())), float(0.5 * np.ptp(values)))
     yield Offer('cable_drag', [] if drag else [
-        effect('cable_drag', axis=axis, middle=middle, half=half, slack=slack)
-        for axis in AXES for slack in (False, True)],
+        effect('cable_drag', axis=axis, middle=middle, half=half, slack=True) for axis in AXES],
         'cable drag', drag)
