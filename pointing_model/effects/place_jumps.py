@@ -48,28 +48,32 @@ def _flopped(c, at, play):
 
 
 @form
-def _flop(axis, at, play=0.0, mount=USUAL):
-    """A step of the line of sight at an elevation; with `play` it is higher on the way up."""
-    way = 'sideways' if axis == 'az' else 'up or down'
+def _flop(at, axis='both', play=0.0, mount=USUAL):
+    """A step of the line of sight at an elevation; with `play` it is higher on the way up.
 
+    `axis`: 'both'; models of before have 'az', sideways, or 'el', up or down.
+    """
     def of(c):
         value = _flopped(c, at, play)
-        return [(value, 0.0) if axis == 'az' else (0.0, value)]
+        return [*[(value, 0.0)][:axis != 'el'], *[(0.0, value)][:axis != 'az']]
 
     def wording(amount):
-        text = f'Mirror, camera or tube flops {way} by {arcsec(amount.size)} at elevation ' \
-            f'{at / DEG:.0f}°'
+        text = f'Mirror, camera or tube flops by {arcsec(amount.size)}'
+        if axis == 'both':
+            across, up = np.abs(amount.values)
+            text += f' ({arcsec(across)} left or right, {arcsec(up)} up or down)'
+        text += f' at elevation {at / DEG:.0f}°'
         return text + (f', {play / DEG:.0f}° later in the direction of motion' if play else '')
 
-    return Effect('flop_' + ('sideways' if axis == 'az' else 'up_down')
-                  + ('_with_play' if play else ''),
-                  f'mirror, camera or tube flops {way} as the tube goes higher'
-                  + (', and back at another height on the way down' if play else ''),
-                  f'H(elevation < {at / DEG:.1f} deg)', 'elevation', axis, ('step',), of, wording,
+    return Effect('flop' + '_with_play' * bool(play),
+                  'mirror, camera or tube flops as the tube goes higher'
+                  + ', and back at another height on the way down' * bool(play),
+                  f'H(elevation < {at / DEG:.1f} deg)', 'elevation', axis,
+                  ('across', 'up') if axis == 'both' else ('step',), of, wording,
                   _LOOK_AT_MIRROR, 'a step at one elevation',
-                  f'something flops {way} at an elevation: mirror, secondary, camera, focuser',
+                  'something flops at an elevation: mirror, secondary, camera, focuser',
                   requires=('approach_el',) if play else (),
-                  scan=f'flop{"_with_play" * bool(play)}', share='scans',
+                  scan='flop' + '_with_play' * bool(play), share='scans',
                   searched=('at', 'play') if play else ('at',), scanned=2 if play else 1)
 
 
@@ -107,11 +111,10 @@ def _track_bump(centre, width, count=1, mount=USUAL):
 
 def propose(context, lacking, own):
     """Where rows enough are on either side of a place, or within it."""
-    yield Offer('flop', [effect('flop', axis=axis, at=at)
-                         for axis in ('el', 'az') for at in _between(context, _FLOPS)])
+    yield Offer('flop', [effect('flop', at=at) for at in _between(context, _FLOPS)])
     against = single_rows(context, 'approach_el', -1.0, 1.0)
     if context.mount.vertical and context.get('approach_el') is not None and not against:
-        yield Offer('flop', [effect('flop', axis='el', at=at, play=play)
+        yield Offer('flop', [effect('flop', at=at, play=play)
                              for play in _PLAYS for at in _between(context, _FLOPS)])
     yield Offer('track_bump', [
         effect('track_bump', centre=centre, width=width, count=count)
