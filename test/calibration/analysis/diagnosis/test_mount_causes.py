@@ -80,6 +80,15 @@ def test_a_scenario_is_named(name):
         assert not diagnose(made(plain, 90), **FAST).effects
 
 
+def test_a_cage_up_and_down_is_not_told_from_cables_over_few_turns():
+    """Both are a slow curve of 1.4 turns: a scan has as many directions as numbers."""
+    bearing = replace(load_scenario('mount_runout').mount.runouts[0], slip=0.0,
+                      amplitude=2.5 * ARCSEC)
+    for seed in (1, 2):
+        result = diagnose(made(MountErrors(runouts=(bearing,)), 90, seed), **FAST)
+        assert {'bearing_cage_el', 'cable_drag_elevation'} <= shown(result), seed
+
+
 def test_the_mean_of_two_cameras_is_told_with_their_angle():
     """Places of cameras 1.2 degrees left and right of the tube leave c^2 / 2 tan E."""
     mount = MountErrors(ie=40.0 * ARCSEC, an=30.0 * ARCSEC)
