@@ -153,7 +153,7 @@ def test_step_is_found_at_its_time():
 
 def test_a_step_is_placed_between_its_rows():
     # of 200 rows the search tries every sixth place
-    run = night(21, n=200, effect=lambda c: (0.0, 6.0 * ARCSEC * (np.arange(200) >= 93)))
+    run = night(22, n=200, effect=lambda c: (0.0, 6.0 * ARCSEC * (np.arange(200) >= 93)))
     result = diagnose(run, **FAST)
     (one,) = result.effects
     assert run['time'][92] < one.fitted.effect.parameters['at'] < run['time'][93]
