@@ -93,6 +93,6 @@ def sigma_of(residual, dof_factor=1.0, axis=None):
     size = np.abs(residual)
     size = size.ravel() if axis is None else size.swapaxes(axis, -1)
     first, second = (size.shape[-1] - 1) // 2, size.shape[-1] // 2
-    # a tenth of the time of `numpy.median` for a hundred rows
+    # a third of the time of `numpy.median` for two axes of a hundred rows
     size = np.partition(size, [first, second])
     return MAD * dof_factor * 0.5 * (size[..., first] + size[..., second])

@@ -51,7 +51,7 @@ def _flopped(c, at, play):
 def _flop(at, axis='both', play=0.0, mount=USUAL):
     """A step of the line of sight at an elevation; with `play` it is higher on the way up.
 
-    `axis`: 'both'; models of before have 'az', sideways, or 'el', up or down.
+    `axis`: 'both'; stored models may have a step of one, 'az', sideways, or 'el', up or down.
     """
     def of(c):
         value = _flopped(c, at, play)

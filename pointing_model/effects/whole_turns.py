@@ -78,8 +78,8 @@ def _bearing_cage(ratio, how, turn=0, mount=USUAL):
 def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
     """A line of the unwrapped angle and its cube over the travel, held at the ends.
 
-    `slack`: wherever they pull least, which takes a square too; models of before have it in the
-    middle.
+    `slack`: wherever they pull least, which takes a square too; in stored models without it that is
+    the middle of the travel.
     """
     names = KINDS[mount]
     shaft, turns = names.shaft('az'), half * 2.0 / _TURN

@@ -194,7 +194,8 @@ def exact_models(run, choice, fits, correlation, undetermined):
 
     Returns
     -------
-    tuple of (PointingModel, dict)
+    list of (PointingModel, dict)
+        Of the model without and with the effects.
     """
     fitted = [*zip(fits, ([], choice.chosen))]
     if run.obs.whole:

@@ -14,11 +14,11 @@
 
 """Comparison on rows left out: cross-validation with the choice repeated.
 
-Something may be significant though these
-observations cannot test it: it is neither found nor absent. What is dropped because rows or runs
-that are left out are predicted worse is, as a rule, no effect of the mount. Where it carries most
-of the error, or where the declared model itself fails on what is left out, the runs are too few or
-too unequal to say so: without one of them the rest does not determine it.
+Something may be significant though these observations cannot test it: it is neither found nor
+absent. What is dropped because rows or runs that are left out are predicted worse is, as a rule, no
+effect of the mount. Where it carries most of the error, or where the declared model itself fails on
+what is left out, the runs are too few or too unequal to say so: without one of them the rest does
+not determine it.
 """
 
 from collections import Counter

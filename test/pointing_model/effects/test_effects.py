@@ -63,10 +63,24 @@ def on_sky(az, el, az0, el0):
     return np.array([wrap(az - az0) * np.cos(el0), el - el0])
 
 
+def test_stored_models_keep_their_columns():
+    """Effects that have more coefficients today than when a model was written."""
+    context = make_context()
+    step = effect('flop', axis='el', at=0.8, play=0.0).columns(context)
+    assert step.shape[0] == 1 and not step[0, 0].any() and 0.0 < step[0, 1].mean() < 1.0
+    for old, names in (
+            (effect('cable_drag', axis='el', middle=0.0, half=4.0), ('line', 'cube')),
+            (effect('bearing_cage', ratio=0.4, how='lean'),
+             ('el_cos', 'el_sin', 'az_cos', 'az_sin'))):
+        assert tuple(old.coefficient_names) == names
+        context.columns['unwrapped_az'] = context.az
+        columns = old.columns(context)
+        assert len(columns) == len(names) and all(one.any() for one in columns)
+
+
 def test_the_dictionary_holds_what_is_asked_for():
     effects, untestable = dictionary(make_context())
     names = {e.name for e in effects}
-    # members of a scan are one effect, at one place or another
     # members of a scan are one effect, at one place or another
     single = [e.name for e in effects if e.scan is None]
     assert len(single) == len(set(single))
