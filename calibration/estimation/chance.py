@@ -33,7 +33,7 @@ NESTED_FLIPS = 499
 _FAR = 2.5
 
 
-def pair_corrected(basis, residual):
+def pair_corrected(basis, residual, beside=None):
     """Residuals made as large as the noise: (I - H)^(-1/2) of each row's 2 x 2 block.
 
     Parameters
@@ -41,13 +41,15 @@ def pair_corrected(basis, residual):
     basis : Basis
         Of what was fitted.
     residual : ndarray, shape (2n,)
+    beside : ndarray, shape (j, 2n), optional
+        Further orthonormal rows that were fitted.
 
     Returns
     -------
     ndarray, shape (2, n)
     """
     n = len(residual) // 2
-    a, c, off = basis.blocks_of_rows()
+    a, c, off = basis.blocks_of_rows(beside)
     a, c, off = np.clip(1.0 - a, 1e-3, 1.0), np.clip(1.0 - c, 1e-3, 1.0), -off
     off = np.sign(off) * np.minimum(np.abs(off), 0.999 * np.sqrt(a * c))
     # square root of [[a, off], [off, c]] is (M + s I) / t; invert that
@@ -100,13 +102,15 @@ class ChanceTest:
 
     def __init__(self, fit, scores, group, among=None):
         n, r = fit.n, fit.residual
-        own = scores.basis(group)
+        tested = next(scores.bank.bases(fit, [group]))
+        own = tested[1][0]
         own = own[np.einsum('ij,ij->i', own, own) > 0.5]
-        e = pair_corrected(fit.basis.beside(own), r - (own @ r) @ own)
+        e = pair_corrected(fit.basis, r - (own @ r) @ own, own)
         variance = np.mean(np.square(e), axis=1) + 1e-30
         free = 1.0 - len(fit.basis) / (2.0 * n)
         self._parts, self.all = [], np.full(len(scores.dof), -np.inf)
-        for groups, basis, dof in scores.bank.bases(fit, among):
+        alone = among is not None and len(among) == 1
+        for groups, basis, dof in [tested] if alone else scores.bank.bases(fit, among):
             x, y = basis[:, :, :n], basis[:, :, n:]
             pairs = x * e[0] + y * e[1]
             v = pairs @ pairs.transpose(0, 2, 1)

@@ -67,6 +67,8 @@ def test_columns_of_single_runs_are_the_dense_ones():
     x, y = basis[:, :40], basis[:, 40:]
     assert np.allclose(kept.blocks_of_rows(),
                        [(a * b).sum(axis=0) for a, b in ((x, x), (y, y), (x, y))], atol=1e-12)
+    assert np.allclose(Basis(kept.common[1:], kept.groups).blocks_of_rows(kept.common[:1]),
+                       kept.blocks_of_rows(), atol=1e-12)
     left = columns.left_of(values[0], WhiteNoise(root))
     p = np.linalg.lstsq(white.T, values[0] * root, rcond=None)[0]
     assert np.allclose(left, values[0] - p @ dense, atol=1e-10)
