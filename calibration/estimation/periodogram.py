@@ -51,6 +51,8 @@ _SHARE = 'periods'
 #: part of a wave's energy that must be beyond one wave a turn: of rows at even steps some rates are
 #: the same as none, and with no rows between them any size of the wave would fit
 _SEEN = 0.2
+#: numbers in the columns of waves from which on none but the next are kept
+_KEPT = 5_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +149,17 @@ class _WaveColumns:
         return self[:]
 
     def __getitem__(self, key):
+        bank, index = self._bank, np.arange(len(self))[key]
+        place = index.tobytes()
+        if place not in bank.kept:
+            if sum(of.size for of in bank.kept.values()) > _KEPT:
+                bank.kept.clear()
+            bank.kept[place] = self._made(index)
+            bank.kept[place].flags.writeable = False
+        return bank.kept[place]
+
+    def _made(self, index):
         bank = self._bank
-        index = np.arange(len(self))[key]
         group, order, sine = (of[index] for of in (
             bank.column_group, bank.column_order, bank.column_sine))
         rates, scan = bank.rate[group] * order, bank.line[group]
@@ -188,6 +199,8 @@ class PeriodBank(CandidateBank):
     rate : ndarray, shape (3 count,)
     near : ndarray of int or None
         Groups that are tried; None: all of the first shape.
+    kept : dict
+        Columns that were asked for: the same are asked for again with each fit.
     """
 
     def __init__(self, scans):
@@ -205,7 +218,7 @@ class PeriodBank(CandidateBank):
         self._start = np.concatenate(([0], np.cumsum(sizes)))
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
         self.scan_cost = np.ones(shapes * count)
-        self.by_chance, self._sized, self.near, self._tuned = {}, [], None, 0
+        self.by_chance, self._sized, self.near, self._tuned, self.kept = {}, [], None, 0, {}
         self.shares = {_SHARE: np.flatnonzero(np.concatenate(
             [empty.astype(bool), *(one.seen(one.rates) for one in scans)]))}
 
@@ -224,7 +237,7 @@ class PeriodBank(CandidateBank):
         out = copy(self)
         n = len(self.scans[0].angle) if self.scans else 0
         out.scans = [one.rows(np.arange(n)[rows]) for one in self.scans]
-        out.rate = self.rate.copy()
+        out.rate, out.kept = self.rate.copy(), {}
         return out
 
     def score(self, fit, groups=None):
@@ -257,6 +270,7 @@ class PeriodBank(CandidateBank):
     def tune(self, g, rate):
         """Let group `g` have another rate near its own."""
         self.rate[g], self._tuned = rate, self._tuned + 1
+        self.kept.clear()
 
     def offer(self, scores, without=()):
         """Of the first shape the group that gains most, but of the scans of some groups; -1 where

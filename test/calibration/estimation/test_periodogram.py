@@ -124,6 +124,16 @@ def test_columns_are_made_as_they_are_asked_for():
     assert WaveScan.over(angle[:1], np.ones(2), 10.0, 100.0, _Effect) is None
 
 
+def test_columns_of_a_tuned_wave_are_those_of_its_new_rate():
+    _, angle, values = rows(7)
+    bank = problem_of(values, angle).periods
+    g = bank.count // 3
+    before = bank.of(g)
+    bank.tune(g, bank.rate[g] + 0.5)
+    assert np.allclose(bank.of(g)[0, :60], np.cos(bank.rate[g] * angle))
+    assert not np.allclose(bank.of(g), before)
+
+
 def test_rows_at_even_steps_do_not_show_a_rate_that_is_as_none():
     rng = np.random.default_rng(1)
     rates, factor = np.array([624.0, 624.02, 635.0, 15.5, 633.4]), np.ones(192)
