@@ -19,7 +19,8 @@ from functools import cached_property
 import numpy as np
 
 from .candidates import best_of
-from .memory_test import SIMULATIONS, MemoryMask, MemoryTest
+from .memory_test import SIMULATIONS, ChoiceLikelihood, MemoryMask, MemoryTest
+from .reduced_squares import times_rows
 
 #: rows with which a group's variance is moderated toward that of its axis: of a group on 100 rows
 #: its own counts half. The level does not hang on it (noise as 1/sin^2 E, alpha 0.05, false alarms
@@ -106,17 +107,15 @@ class ChanceTest:
         own = tested[1][0]
         own = own[np.einsum('ij,ij->i', own, own) > 0.5]
         e = pair_corrected(fit.basis, r - (own @ r) @ own, own)
-        variance = np.mean(np.square(e), axis=1) + 1e-30
+        sigma = np.repeat(np.sqrt(np.mean(np.square(e), axis=1) + 1e-30), n)
         free = 1.0 - len(fit.basis) / (2.0 * n)
-        self._parts, self.all = [], np.full(len(scores.dof), -np.inf)
+        self._found, self.all = [], np.full(len(scores.dof), -np.inf)
         alone = among is not None and len(among) == 1
         for groups, basis, dof in [tested] if alone else scores.bank.bases(fit, among):
-            x, y = basis[:, :, :n], basis[:, :, n:]
-            pairs = x * e[0] + y * e[1]
-            v = pairs @ pairs.transpose(0, 2, 1)
-            common = (variance[0] * (x @ x.transpose(0, 2, 1))
-                      + variance[1] * (y @ y.transpose(0, 2, 1)))
-            energy = np.einsum('gdi,gdi->gi', x, x) + np.einsum('gdi,gdi->gi', y, y)
+            pairs = basis[:, :, :n] * e[0] + basis[:, :, n:] * e[1]
+            scaled = basis * sigma
+            v, common = times_rows(pairs, pairs), times_rows(scaled, scaled)
+            energy = np.square(basis).reshape(len(basis), -1, n).sum(axis=1)
             rows = np.square(dof) / np.maximum(np.einsum('gi,gi->g', energy, energy), 1e-30) * free
             rows = np.maximum(rows, 0.5)
             share = (rows / (rows + PRIOR))[:, None, None]
@@ -128,11 +127,17 @@ class ChanceTest:
             gain = np.square(np.einsum('gij,gj->gi', whiten, basis @ r)).sum(axis=1)
             ok = dof > 0
             self.all[groups[ok]] = normal_score(gain[ok], dof[ok], nu[ok])
-            pairs = (whiten @ pairs)[ok].astype(np.float32)  # thousands of flips: fast enough
-            self._parts.append((pairs, dof[ok], nu[ok], shrink[ok]))
+            self._found.append([of[ok] for of in (pairs, whiten, dof, nu, shrink)])
 
         #: score of the group, and of all (with this group's part out of the variance)
         self.z = float(self.all[group])
+
+    @cached_property
+    def _parts(self):
+        """Of each number of columns: whitened pairs, dof, nu, shrink."""
+        # thousands of flips: fast enough, and cube roots in half the time
+        return [[of.astype(np.float32) for of in (whiten @ pairs, *others)]
+                for pairs, whiten, *others in self._found]
 
     def flipped_max(self, signs):
         """Largest score of all groups in each flip.
@@ -203,7 +208,7 @@ class Chance:
     def __init__(self, n, count, rng, whole=None, group=None):
         self._group = np.arange(n) if group is None else np.unique(group, return_inverse=True)[1]
         self._rng, self._n, self._count = rng.spawn(1)[0], n, count
-        self._memory_tests, self._whole = {}, whole
+        self._memory_tests, self._likelihood, self._whole = {}, None, whole
         if whole is None:
             self.signs = self._drawn(rng)
 
@@ -307,9 +312,16 @@ class Chance:
             normal = self._simulated(*key)
             if normal is None:
                 return None
-            self._memory_tests[key] = MemoryTest(problem, chosen, problem.dictionary, groups,
-                                                 normal)
+            chosen = list(chosen)
+            self._memory_tests[key] = MemoryTest(problem, problem.dictionary, groups, normal,
+                                                 lambda: self._choice_likelihood(problem, chosen))
         return self._memory_tests[key]
+
+    def _choice_likelihood(self, problem, chosen):
+        """The last is kept: a search asks several things of a choice, and goes on."""
+        if self._likelihood is None or self._likelihood.plain is not problem.plain.fit(chosen):
+            self._likelihood = ChoiceLikelihood(problem, chosen)
+        return self._likelihood
 
     def _simulated(self, share, key):
         """Noise to simulate runs with, or what was found for the choice that is most alike.

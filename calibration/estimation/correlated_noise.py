@@ -312,11 +312,16 @@ class AxisRows:
         """
         # the noises are as runs one after the other, that know nothing of each other
         tries, n = len(memories), columns.shape[1]
-        phi = np.exp(-self.gap / np.asarray(memories)[:, None]).ravel()
-        diagonal, lower = _factored(phi, np.outer(np.square(white), self.white).ravel(),
+        phi = np.exp(-self.gap / np.asarray(memories)[:, None])
+        diagonal, lower = _factored(phi.ravel(), np.outer(np.square(white), self.white).ravel(),
                                     np.repeat(variances, n))
-        out = _solved(phi, np.sqrt(diagonal), lower, np.tile(columns, tries))
-        return (out.reshape(-1, tries, n),
+        out = np.empty((len(columns), tries, n))
+        out[:, :, 0] = columns[:, :1]
+        np.multiply(phi[:, 1:], columns[:, None, :-1], out=out[:, :, 1:])
+        np.subtract(columns[:, None, 1:], out[:, :, 1:], out=out[:, :, 1:])
+        out = _bidiagonal(lower, out.reshape(len(columns), tries * n))
+        out *= 1.0 / np.sqrt(diagonal)
+        return (out.reshape(len(columns), tries, n),
                 np.log(diagonal).reshape(tries, n).sum(axis=1) - self.log_scale)
 
     def unscaled(self, values):

@@ -52,7 +52,7 @@ _SIZES, _WHITE = (0.1, 0.4, 1.6, 6.4, 25.0), (1.0, 0.0, 1.0)
 #: groups whose ratio is asked for: the one with the largest was among the first 20 of 50 to 400 by
 #: its score with the noise that was estimated, in 160 of 160 steps of two telescopes; of 148 steps
 #: with what is scanned besides, of five, in 143: the others' largest was no evidence, or the 25th
-_LIKELY = 40
+_LIKELY = 25
 
 
 class MemoryMask:
@@ -136,29 +136,26 @@ class MemoryTest:
     Parameters
     ----------
     problem : SelectionProblem
-    chosen : list of CandidateGroup
-        In the model anyway.
     bank : CandidateBank
         The dictionary.
     groups : ndarray of int
         That such noise can be mistaken for.
     normal : ndarray, shape (b, 2n) or (b,)
         Standard normal noise; or the largest ratios by chance, if they are known.
+    likelihood : callable
+        Gives the `ChoiceLikelihood`, which is too large to be kept of each choice.
     """
 
-    def __init__(self, problem, chosen, bank, groups, normal):
+    def __init__(self, problem, bank, groups, normal, likelihood):
         self._problem, self._bank, self._groups, self._normal = problem, bank, groups, normal
-        self._plain = problem.plain.fit(chosen)
-        self._memory = problem.with_memory(self._plain, chosen).memory
-        self._design = np.asarray(problem.design(chosen))
-        self._noises, self._sets = _tried(problem.sequence, self._plain, self._memory)
+        self._likelihood = likelihood
         self._known = {}  # ratios of groups
 
     def p(self, g):
         """Chance that noise makes any of the groups look as `g` does."""
         scanned, ratio = self._bank.effects[g].share == 'scans', self._known.get(g)
         if scanned or ratio is None:
-            ratio = self._ratios(self._problem.finer(g), self._problem.b[None]).max()
+            ratio = self._likelihood().ratios(self._problem.finer(g)).max()
             self._known[g] = ratio
         if ratio < _LEAST_RATIO:
             return 1.0
@@ -172,7 +169,7 @@ class MemoryTest:
         """Of the groups with the largest `gains` (G,) that with the largest ratio, and that."""
         some = np.setdiff1d(self._groups, without)
         likely = np.sort(some[np.argsort(-gains[some], kind='stable')[:_LIKELY]])
-        ratios = self._ratios(self._bank.only(likely), self._problem.b[None])[0]
+        ratios = self._likelihood().ratios(self._bank.only(likely))[0]
         self._known.update(zip(likely.tolist(), ratios))
         place = largest(ratios)
         return int(likely[place]), float(ratios[place])
@@ -187,33 +184,71 @@ class MemoryTest:
         """Largest ratio of each simulated run, shape (b,)."""
         if self._normal.ndim == 1:
             return self._normal
-        plain = self._plain
-        noise = CorrelatedNoise.beside(plain.noise, plain.scale, self._problem.sequence,
-                                       self._memory)
-        runs = noise.coloured(self._normal * (plain.noise.root > 0.0))
-        return self._ratios(self._bank.only(self._groups), runs).max(axis=1)
+        likelihood = self._likelihood()
+        return likelihood.ratios(self._bank.only(self._groups),
+                                 likelihood.simulated(self._normal)).max(axis=1)
 
-    def _ratios(self, bank, values):
-        """2 ln of the likelihood ratio of each group, shape (m, G), for values of shape (m, 2n).
+
+class ChoiceLikelihood:
+    """Likelihoods beside one choice, over a grid of noises.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    chosen : list of CandidateGroup
+        In the model anyway.
+    """
+
+    def __init__(self, problem, chosen):
+        self._problem, self.plain = problem, problem.plain.fit(chosen)
+        self._memory = problem.with_memory(self.plain, chosen).memory
+        self._noises, self._sets = _tried(problem.sequence, self.plain, self._memory)
+        design, n = np.asarray(problem.design(chosen)), problem.n
+        self._axes = []
+        for axis, one in enumerate(self._memory):
+            part = slice(axis * n, (axis + 1) * n)
+            rows = AxisRows(self.plain.noise.root[part], problem.sequence, one.scaled)
+            self._axes.append((rows, part, rows.scaled(design[:, part])))
+
+    def simulated(self, normal):
+        """Runs with the noise that was estimated, from standard normal noise, (m, 2n) both."""
+        noise = CorrelatedNoise.beside(self.plain.noise, self.plain.scale, self._problem.sequence,
+                                       self._memory)
+        return noise.coloured(normal * (self.plain.noise.root > 0.0))
+
+    def ratios(self, bank, values=None):
+        """2 ln of the likelihood ratio of each group, shape (m, G).
 
         Either likelihood is the largest of all pairs of noises that are tried.
+
+        Parameters
+        ----------
+        bank : CandidateBank
+            The groups.
+        values : ndarray, shape (m, 2n), optional
+            By default those of the problem.
         """
-        columns, n = np.vstack((self._design, bank.columns, values)), self._plain.n
-        axes = []
-        for axis, noises in enumerate(self._noises):
-            part = slice(axis * n, (axis + 1) * n)
-            rows = AxisRows(self._plain.noise.root[part], self._problem.sequence,
-                            self._memory[axis].scaled)
-            axes.append(_products(rows, rows.scaled(columns[:, part]), noises, bank, axis,
-                                  len(self._design)))
-        live = np.count_nonzero(self._plain.noise.root[:n])
-        without, with_it = -np.inf, -np.inf
-        step = max(1, AT_ONCE // max(len(bank.columns) * len(values), 1))
+        without = self._of_problem if values is None else self._without(values)
+        sums = [_group_sums(rows, bank, axis, part, of, noises) for axis, (
+            (rows, part, _), of, noises) in enumerate(zip(self._axes, without.axes, self._noises))]
+        out = np.full((without.values, len(bank)), -np.inf)
+        step = max(1, AT_ONCE // max(len(bank.columns) * without.values, 1))
         for i in range(0, len(self._sets), step):
-            pair = [of.of(self._sets[i:i + step, axis]) for axis, of in enumerate(axes)]
-            plain, each = _likelihoods(pair, live)
-            without, with_it = np.maximum(without, plain), np.maximum(with_it, each)
-        return with_it - without[:, None]
+            some = slice(i, i + step)
+            pair = [[(which, *(of[self._sets[some, axis]] for of in each))
+                     for which, *each in sums[axis]] for axis in (0, 1)]
+            out = np.maximum(out, without.some(some).with_groups(pair, out.shape))
+        return out - without.largest[:, None]
+
+    @cached_property
+    def _of_problem(self):
+        return self._without(self._problem.b[None])
+
+    def _without(self, values):
+        return _Without.of([_AxisSums.of(rows, np.concatenate((
+            design, rows.scaled(values[:, part]))), len(design), noises)
+            for (rows, part, design), noises in zip(self._axes, self._noises)],
+            self._sets, np.count_nonzero(self.plain.noise.root[:self.plain.n]))
 
 
 def tail_share(by_chance, ratio):
@@ -265,102 +300,171 @@ def _tried(sequence, plain, memory):
                                    np.column_stack((0 * y, y))))
 
 
-class _Products(NamedTuple):
-    """Sums over the rows of an axis, whitened by each of t noises: design D, groups C, values V.
+class _AxisSums(NamedTuple):
+    """Design D and values V on an axis, whitened by each of t noises, and their sums over rows.
 
     Attributes
     ----------
+    here : ndarray of int, shape (j,)
+        Columns of the design that have anything on this axis.
+    white : ndarray, shape (t, j + m, n)
+        These, and the values.
     log_det : ndarray, shape (t,)
     design : ndarray, shape (t, k, k)
         D D.
     design_values, values : ndarray, shape (t, k, m), (t, m)
         D V, V V.
-    groups : list of tuple
-        Of each number of columns d: which groups, (G,), then for each noise C C (t, G, d, d),
-        C D (t, G, d, k) and C V (t, G, d, m).
     """
 
+    here: np.ndarray
+    white: np.ndarray
     log_det: np.ndarray
     design: np.ndarray
     design_values: np.ndarray
     values: np.ndarray
-    groups: list
 
-    def of(self, noises):
-        """Of some noises (indices)."""
-        return _Products(*(of[noises] for of in self[:4]),
-                         [(which, *(of[noises] for of in some)) for which, *some in self.groups])
+    @classmethod
+    def of(cls, rows, columns, k, noises):
+        """Of scaled rows of the axis: `k` of the design, then the values."""
+        here = np.flatnonzero(columns[:k].any(axis=1))
+        columns = np.concatenate((columns[here], columns[k:]))
+        white, log_det = zip(*(rows.whitened_by(columns, *some.T)
+                               for some in _at_once(noises, columns)))
+        white, j = np.concatenate([of.transpose(1, 0, 2) for of in white]), len(here)
+        of_design = np.zeros((len(white), k, k + len(columns) - j))
+        of_design[:, here[:, None], _onto(here, k, of_design)] = white[:, :j] @ np.swapaxes(
+            white, 1, 2)
+        return cls(here, white, np.concatenate(log_det), of_design[..., :k], of_design[..., k:],
+                   np.square(white[:, j:]).sum(axis=2))
 
 
-def _products(rows, columns, noises, bank, axis, k):
-    """`_Products` of columns (k + ... + m, n), scaled rows of an axis."""
-    parts, count = [], len(bank.columns)
-    some, here = bank.on_axis(axis), np.flatnonzero(columns[:k].any(axis=1))
-    places = np.full(count, -1)
-    places[some] = np.arange(len(some))
-    columns = np.concatenate((columns[here], columns[k:k + count][some], columns[k + count:]))
-    onto = np.append(here, np.arange(k, k + len(columns) - len(here) - len(some)))
+def _at_once(noises, columns):
+    """Noises, (t, 3), so many at a time that the columns whitened by them are not too many."""
     step = max(1, AT_ONCE // max(columns.size, 1))
-    for i in range(0, len(noises), step):
-        white, log_det = rows.whitened_by(columns, *noises[i:i + step].T)
-        white = white.transpose(1, 0, 2)
-        design, groups, values = np.split(white, [len(here), len(here) + len(some)], axis=1)
-        both = np.concatenate((design, values), axis=1).transpose(0, 2, 1)
-        across = np.zeros((len(white), count, k + values.shape[1]))
-        across[:, some[:, None], onto] = groups @ both
-        of_design = np.zeros((len(white), k, k + values.shape[1]))
-        of_design[:, here[:, None], onto] = design @ both
-        parts.append([log_det, of_design[..., :k], of_design[..., k:],
-                      np.square(values).sum(axis=2)])
+    return [noises[i:i + step] for i in range(0, len(noises), step)]
+
+
+def _onto(here, k, sums):
+    """Where the columns of an axis are among all of the design and the values."""
+    return np.append(here, np.arange(k, sums.shape[2]))
+
+
+def _group_sums(rows, bank, axis, part, beside, noises):
+    """Sums over the rows of an axis of groups C, with `_AxisSums` beside them.
+
+    Returns
+    -------
+    list of tuple
+        Of each number of columns d: which groups, (G,), then for each noise C C (t, G, d, d),
+        C D (t, G, d, k) and C V (t, G, d, m).
+    """
+    parts, k, some = [], beside.design.shape[1], bank.on_axis(axis)
+    columns, start = rows.scaled(bank.columns[some, part]), 0
+    places = np.full(len(bank.columns), -1)
+    places[some] = np.arange(len(some))
+    for few in _at_once(noises, columns):
+        groups = rows.whitened_by(columns, *few.T)[0].transpose(1, 0, 2)
+        both = beside.white[start:start + len(few)]
+        start += len(few)
+        across = np.zeros((len(few), len(bank.columns), k + beside.values.shape[1]))
+        across[:, some[:, None], _onto(beside.here, k, across)] = groups @ np.swapaxes(both, 1, 2)
+        parts.append([])
         for _, at in bank.by_size():
-            own = np.zeros((len(white), *at.shape, at.shape[1]))
+            own = np.zeros((len(few), *at.shape, at.shape[1]))
             there = np.flatnonzero(places[at[:, 0]] >= 0)
             of = groups[:, places[at[there]]]
             own[:, there] = of @ of.transpose(0, 1, 3, 2)
             parts[-1] += [own, across[:, at, :k], across[:, at, k:]]
     parts = [np.concatenate(part) for part in zip(*parts)]
-    return _Products(*parts[:4], [(which, *parts[4 + 3 * j:7 + 3 * j])
-                                  for j, (which, _) in enumerate(bank.by_size())])
+    return [(which, *parts[3 * j:3 * j + 3]) for j, (which, _) in enumerate(bank.by_size())]
 
 
-def _likelihoods(pair, live):
-    """Largest 2 ln L of sets of noises without, (m,), and with each group, (m, G).
+class _Without(NamedTuple):
+    """Fits of the design alone, by s sets of noises of both axes.
 
-    Parameters
+    Attributes
     ----------
-    pair : sequence of _Products, length 2
-        Of x and y.
+    axes : list of _AxisSums
+    design : list of ndarray, shape (s, k, k)
+        Of x and y, D D.
+    inverse : ndarray, shape (s, k, k)
+        Of the sum of both.
+    p : ndarray, shape (s, k, m)
+        Coefficients.
+    left : list of ndarray, shape (s, k, m)
+        Of x and y, D with what is left.
+    squares : list of ndarray, shape (s, m)
+        Of x and y, what is left with itself.
+    det : ndarray, shape (s, 1)
+        L = (x^2 y^2)^-live / det, so that the least of one product needs no logarithm of each.
     live : int
         Rows with weight.
+    largest : ndarray, shape (m,)
+        Largest 2 ln L, but for a constant.
     """
-    x, y = pair
-    normal = x.design + y.design
-    first = inverse_root(normal.mean(axis=0))  # beside it all are clear, and need no eigenvalues
-    first = first[:, first.any(axis=0)]
-    root = first @ inverse_root(first.T @ normal @ first)
-    inverse = root @ root.transpose(0, 2, 1)
-    p = inverse @ (x.design_values + y.design_values)
-    left = [of.design_values - of.design @ p for of in pair]  # D r
-    squares = [of.values - (p * (of.design_values + rest)).sum(axis=1)
-               for of, rest in zip(pair, left)]
-    # L = (x^2 y^2)^-live / det, so that the least of one product needs no logarithm of each
-    log_det = x.log_det + y.log_det
-    det = np.exp((log_det - log_det[0]) / live)[:, None]
-    # of many values at a time six digits do
-    kind = np.float32 if p.shape[2] > 1 else np.float64
-    out = np.empty((p.shape[2], sum(len(which) for which, *_ in x.groups)))
-    for (which, *gx), (_, *gy) in zip(x.groups, y.groups):
-        sets, count, d, k = gx[1].shape
-        onto = (gx[1] + gy[1]).reshape(sets, -1, k) @ inverse
-        across = []  # of what the design leaves of each group: with itself, and with r
-        for of, (own, design, values), rest in zip(pair, (gx, gy), left):
-            design = design.reshape(onto.shape)
-            half = (design - 0.5 * (onto @ of.design)).reshape(sets, count, d, k)
-            shared = times_rows(half, onto.reshape(half.shape))
-            across.append((own - shared - np.swapaxes(shared, -1, -2), (
-                values - (design @ p + onto @ rest).reshape(values.shape)).astype(kind)))
-        length = np.sqrt(np.diagonal(gx[0] + gy[0], axis1=2, axis2=3))
-        (reduced, other), _ = reduced_squares(squares, across, length)
-        out[:, which] = (reduced * (other * det[..., None].astype(kind))).min(axis=0).T
-    plain = (squares[0] * squares[1] * det).min(axis=0)
-    return (-live * np.log(np.maximum(of, 1e-300)) - log_det[0] for of in (plain, out))
+
+    axes: list
+    design: list
+    inverse: np.ndarray
+    p: np.ndarray
+    left: list
+    squares: list
+    det: np.ndarray
+    live: int
+    largest: np.ndarray
+
+    @classmethod
+    def of(cls, axes, sets, live):
+        """Of `_AxisSums` of both axes, and which noises are tried together, (s, 2)."""
+        chosen = list(zip(axes, sets.T))
+        design = [of.design[some] for of, some in chosen]
+        onto = [of.design_values[some] for of, some in chosen]
+        normal = sum(design)
+        first = inverse_root(normal.mean(axis=0))  # beside it all are clear, and need no eigenvalues
+        first = first[:, first.any(axis=0)]
+        root = first @ inverse_root(first.T @ normal @ first)
+        inverse = root @ root.transpose(0, 2, 1)
+        p = inverse @ sum(onto)
+        left = [one - of @ p for of, one in zip(design, onto)]
+        squares = [of.values[some] - (p * (one + rest)).sum(axis=1)
+                   for (of, some), one, rest in zip(chosen, onto, left)]
+        log_det = sum(of.log_det[some] for of, some in chosen)
+        det = np.exp((log_det - log_det[0]) / live)[:, None]
+        return cls(axes, design, inverse, p, left, squares, det, live,
+                   _log((squares[0] * squares[1] * det).min(axis=0), live))
+
+    @property
+    def values(self):
+        """How many values there are, m."""
+        return self.p.shape[2]
+
+    def some(self, sets):
+        """Of some sets (a slice)."""
+        return self._replace(design=[of[sets] for of in self.design], inverse=self.inverse[sets],
+                             p=self.p[sets], left=[of[sets] for of in self.left],
+                             squares=[of[sets] for of in self.squares], det=self.det[sets])
+
+    def with_groups(self, pair, shape):
+        """Largest 2 ln L with each group, `shape` (m, G), of `_group_sums` of both axes."""
+        # of many values at a time six digits do
+        kind, k = np.float32 if self.values > 1 else np.float64, self.p.shape[1]
+        out = np.empty(shape)
+        for (which, *gx), (_, *gy) in zip(*pair):
+            sets, count, d, _ = gx[1].shape
+            onto = (gx[1] + gy[1]).reshape(sets, -1, k) @ self.inverse
+            across = []  # of what the design leaves of each group: with itself, and with r
+            for of, (own, design, values), rest in zip(self.design, (gx, gy), self.left):
+                design = design.reshape(onto.shape)
+                half = (design - 0.5 * (onto @ of)).reshape(sets, count, d, k)
+                shared = times_rows(half, onto.reshape(half.shape))
+                across.append((own - shared - np.swapaxes(shared, -1, -2), (
+                    values - (design @ self.p + onto @ rest).reshape(values.shape)).astype(kind)))
+            length = np.sqrt(np.diagonal(gx[0] + gy[0], axis1=2, axis2=3))
+            (reduced, other), _ = reduced_squares(self.squares, across, length)
+            out[:, which] = (reduced * (other * self.det[..., None].astype(kind))).min(axis=0).T
+        return _log(out, self.live)
+
+
+def _log(least, live):
+    """2 ln L of the least product of squares, but for a constant."""
+    return -live * np.log(np.maximum(least, 1e-300))

@@ -24,6 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .group_columns import inverse_root
+
 #: of a column, the part that is not the base's or a chosen one's, squared: less is rounding
 _DISTINCT = 1e-6
 _MOST = 40  # columns that are chosen
@@ -276,7 +278,8 @@ def shrunk(beyond, group, rounds, start=None):
         root = np.sqrt(variances)[:, group]
         matrix = normal * (root[:, :, None] * root[:, None, :]) / noise[:, None, None]
         matrix[:, diagonal, diagonal] += 1.0
-        inverse = _inverse(matrix)
+        inverse = inverse_root(matrix)
+        inverse = inverse @ inverse.transpose(0, 2, 1)
         values = root * np.einsum('fij,fj->fi', inverse, root * right) / noise[:, None]
         known = np.clip(1.0 - np.einsum('fii->fi', inverse), 0.0, 1.0) @ of_group
         used_variances = variances
@@ -291,13 +294,6 @@ def shrunk(beyond, group, rounds, start=None):
     out = np.zeros_like(beyond.right)
     out[:, used] = values
     return Shrunk(out, variances, noise, inverse, used)
-
-
-def _inverse(matrices):
-    try:
-        return np.linalg.inv(matrices)
-    except np.linalg.LinAlgError:  # hardly any row is left
-        return np.linalg.pinv(matrices, hermitian=True)
 
 
 def shrunk_beside_strong(beyond, group, rounds, allowed, cost):
