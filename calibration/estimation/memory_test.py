@@ -420,7 +420,7 @@ class _Without(NamedTuple):
         design = [of.design[some] for of, some in chosen]
         onto = [of.design_values[some] for of, some in chosen]
         normal = sum(design)
-        first = inverse_root(normal.mean(axis=0))  # beside it all are clear, and need no eigenvalues
+        first = inverse_root(normal.mean(axis=0))  # beside it all are clear: no eigenvalues
         first = first[:, first.any(axis=0)]
         root = first @ inverse_root(first.T @ normal @ first)
         inverse = root @ root.transpose(0, 2, 1)

@@ -26,13 +26,13 @@ in each fold of its cross-validation.
 
 import numpy as np
 
+from .backward_elimination import eliminate
 from .candidates import CandidateGroup, best_of, largest
 from .chance import ChanceTest
 from .group_columns import orthonormal
 from .linear_model import DISTINCT
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
-from .settlement import settled
 from .significance import SET_WIDTH, beside_memory
 
 #: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
@@ -75,7 +75,7 @@ def choose(problem, alpha, chance, partitions=()):
     """
     given_up = []
     for _ in range(ROUNDS):
-        choice = settled(problem, search(problem, alpha, chance, given_up), alpha, chance,
+        choice = eliminate(problem, search(problem, alpha, chance, given_up), alpha, chance,
                          partitions)
         lost = [c for c in choice.dropped_by_cv if c not in given_up]
         if not lost:

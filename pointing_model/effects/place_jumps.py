@@ -55,7 +55,8 @@ def _flop(at, axis='both', play=0.0, mount=USUAL):
     """
     def of(c):
         value = _flopped(c, at, play)
-        return [*[(value, 0.0)][:axis != 'el'], *[(0.0, value)][:axis != 'az']]
+        both = (value, 0.0), (0.0, value)
+        return list(both) if axis == 'both' else [both[axis == 'el']]
 
     def wording(amount):
         text = f'Mirror, camera or tube flops by {arcsec(amount.size)}'

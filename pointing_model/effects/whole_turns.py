@@ -85,7 +85,8 @@ def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
     shaft, turns = names.shaft('az'), half * 2.0 / _TURN
 
     def curves(u):
-        return [u, *[u**2 - 1.0 / 3.0][:slack], u**3 - 0.6 * u]
+        line, square, cube = u, u**2 - 1.0 / 3.0, u**3 - 0.6 * u
+        return [line, square, cube] if slack else [line, cube]
 
     def of(c):
         u = np.clip((c.get(_ANGLE) - middle) / half, -1.0, 1.0)
@@ -99,7 +100,7 @@ def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
                   f'{names.letter("az")} counted in turns: a line, ' + 'its square ' * slack
                   + 'and its cube',
                   # a spring that stiffens; a wave over the range is that of a disc off its centre
-                  _ANGLE, axis, ('line', *['square'][:slack], 'cube'), of,
+                  _ANGLE, axis, ('line', 'square', 'cube') if slack else ('line', 'cube'), of,
                   lambda amount: f'The {names.word(axis)} error follows how far the {shaft} has '
                   f'wound up its cables, {arcsec(travel(amount))} over the '
                   f'{turns:.1f} turns of this run',

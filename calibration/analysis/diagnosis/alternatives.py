@@ -28,11 +28,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calibration.estimation.backward_elimination import eliminate, significances
 from calibration.estimation.candidates import TIE, CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.linear_model import LIVE
 from calibration.estimation.select import affordable, choose, search
-from calibration.estimation.settlement import settled, significances
 from calibration.estimation.significance import SET_WIDTH
 
 from .effect_causes import cause_entry
@@ -208,7 +208,7 @@ def _tried(problem, choice, i, g, near, alpha, chance, partitions, below=np.inf)
     for folds in ((), partitions) if partitions else ((),):  # rows left out take the longest
         if not bic_behind(problem, choice, model) < below:
             return None
-        settled(problem, model, alpha, chance, folds, alone=True)
+        eliminate(problem, model, alpha, chance, folds, alone=True)
         if other not in model.chosen:
             return None
         distance = bic_behind(problem, choice, model)

@@ -17,8 +17,8 @@
 
 import numpy as np
 
+from calibration.estimation.backward_elimination import eliminate
 from calibration.estimation.select import choose
-from calibration.estimation.settlement import settled
 from pointing_model.rms import radial_arcsec
 
 from ..finding import Finding
@@ -99,7 +99,7 @@ def keep_repeated(problem, choice, count, alpha, chance, partitions):
     choice.not_repeated = choice.chosen[count:]
     del choice.chosen[count:]
     choice.fit = problem.plain.fit(choice.chosen)
-    settled(problem, choice, alpha, chance, partitions)
+    eliminate(problem, choice, alpha, chance, partitions)
     compare_alternatives(problem, choice, alpha, chance, partitions, replacing=False)
 
 

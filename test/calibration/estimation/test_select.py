@@ -22,6 +22,7 @@ from simulated import make_context, make_problem
 
 from calibration.analysis.diagnosis.run_problem import effect_bank
 from calibration.analysis.diagnosis.validation import nested
+from calibration.estimation.backward_elimination import eliminate
 from calibration.estimation.candidates import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance, ChanceTest, normal_score, pair_corrected
 from calibration.estimation.correlated_noise import WhiteNoise
@@ -37,7 +38,6 @@ from calibration.estimation.group_columns import Basis, GroupColumns, orthonorma
 from calibration.estimation.linear_model import overlap, weighted_fit
 from calibration.estimation.select import choose, search
 from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
-from calibration.estimation.settlement import settled
 from calibration.estimation.significance import significance
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
@@ -255,7 +255,7 @@ def test_cross_validation_tells_gain_from_decoration():
     found = choose(problem, 0.01, Chance(60, 499, np.random.default_rng(3)), [folds])
     assert [c.effect(problem).form for c in found.chosen] == ['hysteresis']
     assert found.gains[0] > 0.3
-    both = settled(problem, ModelChoice([good, idle], problem.fit([good, idle])), 1.0,
+    both = eliminate(problem, ModelChoice([good, idle], problem.fit([good, idle])), 1.0,
                    Chance(60, 99, np.random.default_rng(3)), [folds])
     assert both.chosen == [good] and idle in [*both.dropped, *both.dropped_by_cv]
 

@@ -23,7 +23,7 @@ from .linear_model import LIVE
 from .significance import significance
 
 
-def settled(problem, choice, alpha, chance, partitions, alone=False):
+def eliminate(problem, choice, alpha, chance, partitions, alone=False):
     """Test each of a choice with all others in the model, and drop until all of them hold.
 
     Parameters
@@ -60,7 +60,7 @@ def settled(problem, choice, alpha, chance, partitions, alone=False):
 
 
 def significances(problem, choice, alpha, chance):
-    """`Significance` of each of a choice; parameters as of `settled`."""
+    """`Significance` of each of a choice; parameters as of `eliminate`."""
     return [significance(problem, choice, i, chance, alpha)
             for i in range(len(choice.chosen))]
 
