@@ -331,7 +331,7 @@ def say_walks(folder):
         run = read_run(Path(folder, path))
         run = run.select(np.argsort(run['time'], kind='stable'))
         fit = fit_terms(run, ALTAZ.names.physical)
-        run = run.select(fit.weights > 0.0).in_sessions(hours)
+        run = run.select(fit.weights > 0.0).split_sessions(hours)
         covariance = fit.model.covariance.copy()  # terms of all, zeros of each session
         covariance[[0, 1], [0, 1]] += (20.0 * ARCSEC) ** 2
         model = PointingModel(fit.model.terms, covariance)
@@ -357,7 +357,7 @@ def say_real(folder):
             print(f'\nreal: skipped, no {folder}/{path}')
             continue
         run = read_run(Path(folder, path))
-        run = run.select(np.argsort(run['time'], kind='stable')).in_sessions(3.0)
+        run = run.select(np.argsort(run['time'], kind='stable')).split_sessions(3.0)
         names, errors, nis = ALTAZ.names.physical, [], []
         for number in np.unique(run['run']):
             here = run.select(run['run'] == number)

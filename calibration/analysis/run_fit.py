@@ -37,7 +37,7 @@ from .diagnosis.residual_patterns import (
     visit_findings,
 )
 from .diagnosis.row_counts import excluded_of_fit, fit_row_counts
-from .diagnosis.session_starts import at_steps
+from .diagnosis.session_starts import split_at_steps
 from .diagnosis.sessions import arrange
 from .external_check import checked_by_halves
 from .finding import Finding
@@ -176,7 +176,7 @@ def _patterns(run, result, terms, how):
     rows = ResidualRows.from_fit(run, result, how['encoder'])
     out = visit_findings(rows, rows.visits(terms))
     if not how['run_zeros'] and out and out[0].kind == STEP:
-        split = at_steps(run, terms, how['encoder'])
+        split = split_at_steps(run, terms, how['encoder'])
         after = fit_terms(split, terms, **{**how, 'run_zeros': True})
         out = [replace(out[0], before=result.rms_arcsec().radial,
                        after=after.rms_arcsec().radial)]

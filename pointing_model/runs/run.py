@@ -150,7 +150,7 @@ class PointingRun:
         """The run with only `rows` (a mask or indices); `meta` is shared."""
         return PointingRun({name: v[rows] for name, v in self.columns.items()}, self.meta)
 
-    def in_sessions(self, hours):
+    def split_sessions(self, hours):
         """The run with its rows numbered by session in the column ``run``.
 
         Parameters

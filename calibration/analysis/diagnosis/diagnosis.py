@@ -25,7 +25,7 @@ from ..finding import Finding
 from .alternatives import alternatives, repeated_choice
 from .base_terms import Base, determined_base
 from .detection_limits import detectable
-from .diagnosis_result import diagnosis_of
+from .diagnosis_result import build_diagnosis
 from .effect_causes import diagnosed_effects
 from .effect_choice import choose_effects, keep_repeated, refine_scans
 from .exact_models import exact_fits, exact_models, memory_findings
@@ -51,7 +51,7 @@ from .row_counts import count_rows
 from .row_facts import repeats, worst_rows
 from .run_problem import RunProblem
 from .scatter import unequal_axes, unequal_scatter
-from .session_starts import split
+from .session_starts import split_runs
 from .sessions import arrange
 from .validation import add_errors, cross_validated
 
@@ -159,7 +159,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     fits = exact_fits(run, choice, left)
     models = exact_models(run, choice, fits, left, undetermined)
     effects = diagnosed_effects(run, choice, models[1][0], left)
-    result = diagnosis_of(run, choice, fits, models, effects, chance)
+    result = build_diagnosis(run, choice, fits, models, effects, chance)
     found = effects[len(run.slips):]
     rows = ResidualRows.from_observations(obs, result.residual_after)
     result.notes += [*history_findings(run, choice), *repeats(rows), *periods, *again,
@@ -199,6 +199,6 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     result.notes = patterns_first(result.notes)
     result.unphysical = implausible_terms(result)
     if holdout is not None:
-        holdout = holdout if hours is None else split(holdout, hours)
+        holdout = holdout if hours is None else split_runs(holdout, hours)
         hold_out(holdout, result, own_terms or obs.run.mount.names.index, encoder)
     return result

@@ -187,7 +187,7 @@ def verdict_of(effects):
     return 'ambiguous' if any(e.other_causes for e in effects) else 'identified'
 
 
-def diagnosis_of(run, choice, fits, models, effects, chance):
+def build_diagnosis(run, choice, fits, models, effects, chance):
     """`Diagnosis` of what was found.
 
     Parameters

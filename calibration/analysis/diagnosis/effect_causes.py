@@ -143,7 +143,7 @@ def diagnosed_effects(run, choice, model, correlation):
                 one.larger.get(name, (0,))[0] for name in cause['effects'])
         if len(one.causes) > 1:
             _fit_causes(run, choice, i, one.causes, correlation)
-        for e, gain in _as_well_as_a_step(problem, choice, i):
+        for e, gain in _equals_of_step(problem, choice, i):
             one.alternatives.append(e.name)
             one.other_causes.append(e.name)
             if e.cause_summary not in [cause['cause'] for cause in one.causes]:
@@ -273,7 +273,7 @@ def _fitted(run, chosen, correlation):
                   if np.isfinite(s)}}
 
 
-def _as_well_as_a_step(problem, choice, i):
+def _equals_of_step(problem, choice, i):
     """Curves of time or temperature that explain as much as a step, and their gains."""
     one = choice.chosen[i]
     if one.effect(problem).form != 'step' or not len(problem.curves):

@@ -93,11 +93,11 @@ def residual_correlation(problem, choice, alpha, context):
         return None
     axes = {name: one for name, one in zip(('az', 'el'), memory) if one.variance > 0.0}
     # of effects that are beyond chance no more is known than that they are
-    return ResidualCorrelation(axes, min(p, alpha), _as_well(problem, choice.chosen, axes),
+    return ResidualCorrelation(axes, min(p, alpha), _equal_effects(problem, choice.chosen, axes),
                                along_the_sky(context, problem.sequence))
 
 
-def _as_well(problem, chosen, axes):
+def _equal_effects(problem, chosen, axes):
     """Candidates that explain the rows as well as the memory of the noise on their axes does.
 
     By BIC, within `SET_WIDTH` of the memory (its size and its length are two numbers an axis) and

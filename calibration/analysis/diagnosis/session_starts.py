@@ -40,7 +40,7 @@ def divisions(runs, terms, encoder, least_step):
     ----------
     runs : list of PointingRun
     terms, encoder, least_step
-        As of `at_steps`.
+        As of `split_at_steps`.
 
     Returns
     -------
@@ -49,13 +49,14 @@ def divisions(runs, terms, encoder, least_step):
         sessions the shorter one.
     """
     out = {}
+    at_steps = [split_at_steps(run, terms, encoder, least_step) for run in runs]
     for gap, parts in ((None, runs), *((gap, _split(runs, gap)) for gap in GAPS),
-                       (AT_STEPS, [at_steps(run, terms, encoder, least_step) for run in runs])):
+                       (AT_STEPS, at_steps)):
         out.setdefault(session_count(parts), (gap, parts))
     return [*out.values()]
 
 
-def at_steps(run, terms=(), encoder='enc', least_step=0.0):
+def split_at_steps(run, terms=(), encoder='enc', least_step=0.0):
     """A run with sessions that begin where places visited again disagree at once.
 
     Parameters
@@ -95,7 +96,7 @@ def at_steps(run, terms=(), encoder='enc', least_step=0.0):
     return run
 
 
-def in_sessions(run, hours):
+def split_run(run, hours):
     """A run with its sessions numbered, and a note of how many there are.
 
     Raises
@@ -107,21 +108,21 @@ def in_sessions(run, hours):
         raise ValueError(f'sessions at gaps of {hours:g} h: give a number of hours above 0')
     source = run.meta.get('source', 'run')
     try:
-        out = run.in_sessions(hours)
+        out = run.split_sessions(hours)
     except ValueError as err:
         raise ValueError(f'{source}: {err}') from None
     return session_note(out, 'sessions', hours)
 
 
-def split(runs, hours):
-    """`in_sessions` of a run, or of each of several."""
-    return [in_sessions(run, hours) for run in
+def split_runs(runs, hours):
+    """`split_run` of a run, or of each of several."""
+    return [split_run(run, hours) for run in
             ([runs] if isinstance(runs, PointingRun) else runs)]
 
 
 def _split(runs, hours):
     """Runs split at gaps; as it is what has no time in some row."""
-    return [run.in_sessions(hours) if np.isfinite(np.asarray(run.get('time'), float)).all()
+    return [run.split_sessions(hours) if np.isfinite(np.asarray(run.get('time'), float)).all()
             else run for run in runs]
 
 

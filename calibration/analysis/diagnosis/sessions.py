@@ -32,7 +32,14 @@ from pointing_model.runs.run import PointingRun
 from ..finding import Finding
 from .base_terms import Base
 from .observations import mount_of, observations, run_labels
-from .session_starts import AT_STEPS, add_note, divisions, session_count, session_note, split
+from .session_starts import (
+    AT_STEPS,
+    add_note,
+    divisions,
+    session_count,
+    session_note,
+    split_runs,
+)
 from .session_trial import SessionTrial
 
 _ROWS = 10000  # that the question is put to, at most
@@ -74,8 +81,8 @@ def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
         alone are each run's own.
     encoder : {'enc', 'abs'}
     least_step : float
-        As of `at_steps`. By default what makes outliers of all rows after it; a smaller one is left
-        to the search, which can judge and name it.
+        As of `split_at_steps`. By default what makes outliers of all rows after it; a smaller one
+        is left to the search, which can judge and name it.
 
     Returns
     -------
@@ -84,13 +91,13 @@ def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
     Raises
     ------
     ValueError
-        See `in_sessions` and `observations`.
+        See `split_run` and `observations`.
     """
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
     mount = mount_of(runs)
     base = Base(mount.names.physical) if base is None else replace(base, own=())
     if sessions:
-        runs = split(runs, sessions)
+        runs = split_runs(runs, sessions)
     ways = divisions(runs, base.terms, encoder, least_step) if sessions is None else [(None, runs)]
     if len(ways) == 1 and (own_terms is not None or sessions == 0.0 or session_count(runs) < 2):
         zeros = mount.names.index if session_count(runs) > 1 else ()

@@ -28,17 +28,17 @@ def run_at(hours, **columns):
 
 
 def test_gaps_end_a_session_in_whatever_order_the_rows_are():
-    run = run_at([30.0, 0.0, 1.0, 26.0, 3.5, 27.0]).in_sessions(3.0)
+    run = run_at([30.0, 0.0, 1.0, 26.0, 3.5, 27.0]).split_sessions(3.0)
     assert run['run'].tolist() == [2, 1, 1, 2, 1, 2] and run.meta['source'] == 'x'
-    assert run_at([30.0, 0.0, 1.0, 26.0, 3.5, 27.0]).in_sessions(2.0)['run'].tolist() == [
+    assert run_at([30.0, 0.0, 1.0, 26.0, 3.5, 27.0]).split_sessions(2.0)['run'].tolist() == [
         4, 1, 1, 3, 2, 3]
 
 
 def test_runs_that_are_told_apart_stay_apart():
-    run = run_at([0.0, 1.0, 2.0, 40.0], run=np.array([7, 7, 9, 9])).in_sessions(3.0)
+    run = run_at([0.0, 1.0, 2.0, 40.0], run=np.array([7, 7, 9, 9])).split_sessions(3.0)
     assert run['run'].tolist() == [1, 1, 2, 3]
 
 
 def test_sessions_need_the_time_of_every_row():
     with pytest.raises(ValueError, match='column time'):
-        run_at([0.0, np.nan]).in_sessions(3.0)
+        run_at([0.0, np.nan]).split_sessions(3.0)

@@ -19,7 +19,7 @@ import pytest
 from noisy_run import make_run
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.session_starts import at_steps
+from calibration.analysis.diagnosis.session_starts import split_at_steps
 from calibration.analysis.diagnosis.sessions import arrange
 from calibration.analysis.finding import Finding
 from calibration.analysis.run_fit import fit_run
@@ -77,7 +77,7 @@ def test_a_zero_that_drifts_has_moved_and_begins_no_session():
     found = fit_run(run)
     (moved,) = [one for one in found.findings if 'between visits' in getattr(one, 'kind', '')]
     assert moved.kind == 'moved between visits' and 'drift' in wording(moved)
-    assert 'run' not in at_steps(run) and 'run' not in arrange(run).runs[0]
+    assert 'run' not in split_at_steps(run) and 'run' not in arrange(run).runs[0]
 
 
 def test_where_nothing_moved_the_noise_is_told():
@@ -92,7 +92,7 @@ def test_a_diagnosis_begins_a_session_at_a_step_and_leaves_a_small_one_to_the_se
     assert found.verdict == 'none' and len(found.observations.runs) == 2
     assert kinds(found.notes).count('step between visits') == 1
     small = two_passes(size=5.0, places=40)
-    assert 'run' in at_steps(small) and 'run' not in arrange(small).runs[0]
+    assert 'run' in split_at_steps(small) and 'run' not in arrange(small).runs[0]
     # hours of gaps alone are asked
     assert 'run' not in arrange(two_passes(), sessions=0.0).runs[0]
 

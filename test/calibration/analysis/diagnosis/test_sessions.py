@@ -19,7 +19,7 @@ import pytest
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.base_terms import Base
-from calibration.analysis.diagnosis.session_starts import in_sessions, split
+from calibration.analysis.diagnosis.session_starts import split_run, split_runs
 from calibration.analysis.diagnosis.sessions import arrange
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
@@ -94,9 +94,9 @@ def test_the_user_has_the_last_word():
         arrange(moved, sessions=-2.0)
     moved.columns['time'][3] = np.nan
     with pytest.raises(ValueError, match=r'days\.csv: sessions need the time'):
-        in_sessions(moved, 3.0)
+        split_run(moved, 3.0)
     assert arrange(moved).hours is None  # nothing tells the sessions
-    assert len(split(nights(1), 3.0)) == 3
+    assert len(split_runs(nights(1), 3.0)) == 3
 
 
 def test_runs_held_out_are_divided_as_the_others():
