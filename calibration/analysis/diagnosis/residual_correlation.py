@@ -105,9 +105,9 @@ def _equal_effects(problem, chosen, axes):
     """
     fit = problem.plain.fit(list(chosen))
     cost = 2.0 * np.log(max(np.count_nonzero(fit.weights > 0.0), 2))
-    gains = [axes[name].gain - cost if name in axes else -np.inf for name in ('az', 'el')]
+    of_noise = [axes[name].gain - cost if name in axes else -np.inf for name in ('az', 'el')]
     # an axis whose memory does not pay has none to be explained
-    memory = {i: gain for i, gain in enumerate(gains) if gain >= min(max(gains), 0.0)}
+    memory = {i: gain for i, gain in enumerate(of_noise) if gain >= min(max(of_noise), 0.0)}
     least = min(memory.values()) - SET_WIDTH
     found = []
     for bank in (problem.dictionary, problem.curves):
