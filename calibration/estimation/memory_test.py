@@ -305,10 +305,8 @@ class _AxisSums(NamedTuple):
 
     Attributes
     ----------
-    here : ndarray of int, shape (j,)
-        Columns of the design that have anything on this axis.
-    white : ndarray, shape (t, j + m, n)
-        These, and the values.
+    white : ndarray, shape (t, k + m, n)
+        The design, then the values.
     log_det : ndarray, shape (t,)
     design : ndarray, shape (t, k, k)
         D D.
@@ -316,7 +314,6 @@ class _AxisSums(NamedTuple):
         D V, V V.
     """
 
-    here: np.ndarray
     white: np.ndarray
     log_det: np.ndarray
     design: np.ndarray
@@ -326,27 +323,18 @@ class _AxisSums(NamedTuple):
     @classmethod
     def of(cls, rows, columns, k, noises):
         """Of scaled rows of the axis: `k` of the design, then the values."""
-        here = np.flatnonzero(columns[:k].any(axis=1))
-        columns = np.concatenate((columns[here], columns[k:]))
-        white, log_det = zip(*(rows.whitened_by(columns, *some.T)
+        white, log_det = zip(*(rows.whitened_by(columns, *noises[some].T)
                                for some in _at_once(noises, columns)))
-        white, j = np.concatenate([of.transpose(1, 0, 2) for of in white]), len(here)
-        of_design = np.zeros((len(white), k, k + len(columns) - j))
-        of_design[:, here[:, None], _onto(here, k, of_design)] = white[:, :j] @ np.swapaxes(
-            white, 1, 2)
-        return cls(here, white, np.concatenate(log_det), of_design[..., :k], of_design[..., k:],
-                   np.square(white[:, j:]).sum(axis=2))
+        white = np.concatenate([of.transpose(1, 0, 2) for of in white])
+        sums = white[:, :k] @ np.swapaxes(white, 1, 2)
+        return cls(white, np.concatenate(log_det), sums[..., :k], sums[..., k:],
+                   np.square(white[:, k:]).sum(axis=2))
 
 
 def _at_once(noises, columns):
-    """Noises, (t, 3), so many at a time that the columns whitened by them are not too many."""
+    """So many of the noises at a time that the columns whitened by them are not too many."""
     step = max(1, AT_ONCE // max(columns.size, 1))
-    return [noises[i:i + step] for i in range(0, len(noises), step)]
-
-
-def _onto(here, k, sums):
-    """Where the columns of an axis are among all of the design and the values."""
-    return np.append(here, np.arange(k, sums.shape[2]))
+    return [slice(i, i + step) for i in range(0, len(noises), step)]
 
 
 def _group_sums(rows, bank, axis, part, beside, noises):
@@ -355,28 +343,29 @@ def _group_sums(rows, bank, axis, part, beside, noises):
     Returns
     -------
     list of tuple
-        Of each number of columns d: which groups, (G,), then for each noise C C (t, G, d, d),
-        C D (t, G, d, k) and C V (t, G, d, m).
+        Of each number of columns d: which groups, (G,), then for each noise C C (t, G, d, d) and
+        C D, C V (t, G, d, k + m).
     """
-    parts, k, some = [], beside.design.shape[1], bank.on_axis(axis)
-    columns, start = rows.scaled(bank.columns[some, part]), 0
-    places = np.full(len(bank.columns), -1)
+    some, kind = bank.on_axis(axis), _kind(beside.values.shape[1])
+    columns, places = rows.scaled(bank.columns[some, part]), np.full(len(bank.columns), len(some))
     places[some] = np.arange(len(some))
+    sizes = [(which, places[at], np.zeros((len(noises), *at.shape, at.shape[1])))
+             for which, at in bank.by_size()]
+    sums = np.zeros((len(noises), len(some) + 1, beside.white.shape[1]), kind)  # the last: none
     for few in _at_once(noises, columns):
-        groups = rows.whitened_by(columns, *few.T)[0].transpose(1, 0, 2)
-        both = beside.white[start:start + len(few)]
-        start += len(few)
-        across = np.zeros((len(few), len(bank.columns), k + beside.values.shape[1]))
-        across[:, some[:, None], _onto(beside.here, k, across)] = groups @ np.swapaxes(both, 1, 2)
-        parts.append([])
-        for _, at in bank.by_size():
-            own = np.zeros((len(few), *at.shape, at.shape[1]))
-            there = np.flatnonzero(places[at[:, 0]] >= 0)
-            of = groups[:, places[at[there]]]
-            own[:, there] = of @ of.transpose(0, 1, 3, 2)
-            parts[-1] += [own, across[:, at, :k], across[:, at, k:]]
-    parts = [np.concatenate(part) for part in zip(*parts)]
-    return [(which, *parts[3 * j:3 * j + 3]) for j, (which, _) in enumerate(bank.by_size())]
+        groups = rows.whitened_by(columns, *noises[few].T)[0].transpose(1, 0, 2)
+        sums[few, :-1] = groups.astype(kind, copy=False) @ np.swapaxes(
+            beside.white[few].astype(kind, copy=False), 1, 2)
+        for _, at, own in sizes:
+            there = np.flatnonzero(at[:, 0] < len(some))
+            of = groups[:, at[there]]
+            own[few, there] = of @ of.transpose(0, 1, 3, 2)
+    return [(which, own, sums.take(at, axis=1)) for which, at, own in sizes]
+
+
+def _kind(count):
+    """Of many values at a time six digits do."""
+    return np.float32 if count > 1 else np.float64
 
 
 class _Without(NamedTuple):
@@ -446,19 +435,20 @@ class _Without(NamedTuple):
 
     def with_groups(self, pair, shape):
         """Largest 2 ln L with each group, `shape` (m, G), of `_group_sums` of both axes."""
-        # of many values at a time six digits do
-        kind, k = np.float32 if self.values > 1 else np.float64, self.p.shape[1]
+        kind, k = _kind(self.values), self.p.shape[1]
+        p, *left = (of.astype(kind, copy=False) for of in (self.p, *self.left))
         out = np.empty(shape)
         for (which, *gx), (_, *gy) in zip(*pair):
             sets, count, d, _ = gx[1].shape
-            onto = (gx[1] + gy[1]).reshape(sets, -1, k) @ self.inverse
+            onto = (gx[1][..., :k] + gy[1][..., :k]).reshape(sets, -1, k) @ self.inverse
             across = []  # of what the design leaves of each group: with itself, and with r
-            for of, (own, design, values), rest in zip(self.design, (gx, gy), self.left):
-                design = design.reshape(onto.shape)
+            for of, (own, both), rest in zip(self.design, (gx, gy), left):
+                design, values = both[..., :k].reshape(onto.shape), both[..., k:]
                 half = (design - 0.5 * (onto @ of)).reshape(sets, count, d, k)
                 shared = times_rows(half, onto.reshape(half.shape))
-                across.append((own - shared - np.swapaxes(shared, -1, -2), (
-                    values - (design @ self.p + onto @ rest).reshape(values.shape)).astype(kind)))
+                fitted = design @ p + onto.astype(kind, copy=False) @ rest
+                across.append((own - shared - np.swapaxes(shared, -1, -2),
+                               values - fitted.reshape(values.shape)))
             length = np.sqrt(np.diagonal(gx[0] + gy[0], axis1=2, axis2=3))
             (reduced, other), _ = reduced_squares(self.squares, across, length)
             out[:, which] = (reduced * (other * self.det[..., None].astype(kind))).min(axis=0).T
