@@ -307,15 +307,17 @@ class Chance:
                 self._memory_test(problem, chosen, some, share).by_chance  # noqa: B018
 
     def _memory_test(self, problem, chosen, groups, share):
-        key = share, frozenset(chosen)
-        if key not in self._memory_tests:
+        key, fit = (share, frozenset(chosen)), problem.plain.fit(chosen)
+        known, test = self._memory_tests.get(key, (None, None))
+        if known is not fit:  # of what was refined since, the ratios are others
             normal = self._simulated(*key)
             if normal is None:
                 return None
             chosen = list(chosen)
-            self._memory_tests[key] = MemoryTest(problem, problem.dictionary, groups, normal,
-                                                 lambda: self._choice_likelihood(problem, chosen))
-        return self._memory_tests[key]
+            test = MemoryTest(problem, problem.dictionary, groups, normal,
+                              lambda: self._choice_likelihood(problem, chosen))
+            self._memory_tests[key] = fit, test
+        return test
 
     def _choice_likelihood(self, problem, chosen):
         """The last is kept: a search asks several things of a choice, and goes on."""
@@ -328,7 +330,7 @@ class Chance:
 
         None in a part for a scan that nothing of the whole rests on: it would take too long.
         """
-        known = {chosen: test.by_chance for (of, chosen), test in (
+        known = {chosen: test.by_chance for (of, chosen), (_, test) in (
             self._whole or self)._memory_tests.items() if of == share and test.has_simulated}
         if not known:
             return None if self.of_part and share != 'dictionary' else self._normal
