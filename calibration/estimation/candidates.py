@@ -56,7 +56,7 @@ class CandidateGroup:
     def bank(self, problem):
         """Where it comes from."""
         if self.of is not None:
-            return problem.variants.changes(self.of)
+            return problem.changes(self.of)
         if self.period:
             return problem.periods
         return problem.curves if self.curve else problem.dictionary
@@ -158,7 +158,7 @@ class CandidateBank:
         sizes = np.array([len(e.coefficient_names) for e in self.effects], int)
         self._start = np.concatenate(([0], np.cumsum(sizes)))
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
-        self._known = {}
+        self._known, self._offered = {}, {}
         # what was scanned, in parameters
         self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects],
                                   float)
@@ -197,10 +197,20 @@ class CandidateBank:
 
     def replace(self, g, effect, columns):
         """Put another effect with as many columns, shape (d, 2n), in the place of group `g`."""
+        self._offered.setdefault(g, (self.effects[g], self.of(g).copy()))
         self.effects = [*self.effects[:g], effect, *self.effects[g + 1:]]
         self.of(g)[:] = columns
         self.__dict__.pop('_of_axes', None)
         self._known.clear()
+
+    def as_offered(self):
+        """The bank before any effect was put in the place of another."""
+        out = copy(self)
+        out.columns, out._known, out._offered = self.columns.copy(), {}, {}
+        for g, known in self._offered.items():
+            out.replace(g, *known)
+        out._offered = {}
+        return out
 
     def only(self, groups):
         """The bank of some groups (indices), numbered anew."""
@@ -212,7 +222,9 @@ class CandidateBank:
         n = self.columns.shape[1] // 2
         index = np.arange(n)[rows]
         out = copy(self)  # what the effects are called is the same
-        out.columns, out._known = self.columns[:, np.concatenate((index, index + n))], {}
+        both = np.concatenate((index, index + n))
+        out.columns, out._known = self.columns[:, both], {}
+        out._offered = {g: (e, columns[:, both]) for g, (e, columns) in self._offered.items()}
         return out
 
     @cached_property

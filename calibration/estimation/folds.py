@@ -79,8 +79,8 @@ def predicted(problem, part, chosen, noise, test):
     design = part.design(chosen)
     # what these runs cannot tell from their own terms is not predicted
     p, own = design.solver(noise, DISTINCT)(part.b)
-    other = problem.rows(test)
-    other.b = other.b - p @ other.design(chosen).common
+    other = problem.other_rows(test, part, chosen)
+    other.b = other.b - p @ other.base.common
     if design.groups:
         other.b -= other.base.spread(own[:, :, None])[0]
         new = ~np.isin(other.base.group, design.group)

@@ -208,6 +208,7 @@ class PeriodBank(CandidateBank):
         shapes, count = len(SHAPES), self.count
         empty = np.empty(0)
         self.rate = np.tile(np.concatenate([empty, *(one.rates for one in scans)]), shapes)
+        self._offered = self.rate.copy()
         self.line = np.tile(np.repeat(np.arange(len(scans)), [len(one.rates) for one in scans]),
                             shapes)
         sizes = np.repeat([2 * len(orders) for orders in SHAPES], count)
@@ -238,6 +239,16 @@ class PeriodBank(CandidateBank):
         n = len(self.scans[0].angle) if self.scans else 0
         out.scans = [one.rows(np.arange(n)[rows]) for one in self.scans]
         out.rate, out.kept = self.rate.copy(), {}
+        return out
+
+    def as_offered(self):
+        """The bank before any wave was tuned."""
+        return self.tuned_as(self._offered)
+
+    def tuned_as(self, rate):
+        """The bank with the rates of another, shape (3 count,)."""
+        out = copy(self)
+        out.rate, out.kept = rate.copy(), {}
         return out
 
     def score(self, fit, groups=None):

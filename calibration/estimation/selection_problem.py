@@ -45,9 +45,10 @@ class SelectionProblem:
     sequence : Sequence, optional
         Rows may resemble their neighbours in it; without it their noise has no memory.
     variants : object, optional
-        Of the groups of the dictionary: ``changes(group)``, offered once it is chosen, a
-        CandidateBank; ``finer(group, level)``, the members of its scan between those that are tried
-        next to it, a CandidateBank or None; ``rows(rows)``, the same of some rows.
+        Of effects of the dictionary: ``changes(effect)``, offered once it is chosen, a
+        CandidateBank; ``finer(effect, scan, level)``, members between those of its scan that are
+        tried next to it, a CandidateBank or None; ``columns(effect)`` of any other, (d, 2n);
+        ``rows(rows)``, the same of some rows.
     trusted : ndarray of int, shape (n,), optional
         1: rows that a search takes for no accidents, however far they are off; -1: that it leaves
         out.
@@ -91,6 +92,39 @@ class SelectionProblem:
                                 None if self.trusted is None else self.trusted[rows], self.first,
                                 self.periods.rows(rows), ChainMap({}, self._memories))
 
+    def part(self, rows):
+        """The problem of some rows, to be searched anew: no place is known from all of them."""
+        return replace(self, dictionary=self.dictionary.as_offered(),
+                       periods=self.periods.as_offered()).rows(rows)
+
+    def other_rows(self, rows, part, chosen):
+        """The base, and what a part of the rows has chosen, for some other rows.
+
+        Parameters
+        ----------
+        rows : ndarray of int
+        part : SelectionProblem
+        chosen : list of CandidateGroup
+            Of the part, at the places and periods that it has found.
+
+        Returns
+        -------
+        SelectionProblem
+            With all columns in the base, and nothing to choose from.
+        """
+        periods = self.periods.tuned_as(part.periods.rate) if len(self.periods) else self.periods
+        return replace(self, periods=periods).only(
+            chosen, [self._columns_as_in(part, c, periods) for c in chosen]).rows(rows)
+
+    def _columns_as_in(self, part, one, periods):
+        """Columns of one that a part has chosen, for all rows."""
+        if one.period:
+            return periods.of(one.group)
+        effect, own = one.effect(part), one.bank(self)
+        if one.group < len(own) and own.effects[one.group] is effect:
+            return own.of(one.group)
+        return self.variants.columns(effect)
+
     def trusting(self, trusted, first):
         """The same, trusting some rows (as `trusted`), with some `CandidateGroup` to begin with."""
         return replace(self, trusted=trusted, first=tuple(first), _memories={}, _fits={})
@@ -107,10 +141,14 @@ class SelectionProblem:
         self._memories.clear()
         self._fits.clear()
 
-    def only(self, chosen):
-        """The same with the columns of a choice in the base, and nothing to choose from."""
+    def only(self, chosen, columns=None):
+        """The same with the columns of a choice in the base, and nothing to choose from.
+
+        `columns`: of each, shape (d, 2n), if they are not those of the banks.
+        """
         known, none = self._memories.get(frozenset(chosen)), CandidateBank.empty(self.n)
-        return SelectionProblem(self.design(chosen), self.b, self.inverse_sigma, none, none,
+        design = self.design(chosen) if columns is None else self.base.beside(*columns)
+        return SelectionProblem(design, self.b, self.inverse_sigma, none, none,
                                 self.sequence, None, self.trusted,
                                 _memories={} if known is None else {frozenset(): known})
 
@@ -186,9 +224,13 @@ class SelectionProblem:
         return self.base.beside(
             *(c.columns(self) for i, c in enumerate(chosen) if i != without))
 
+    def changes(self, group):
+        """`CandidateBank` of the changes of a group of the dictionary."""
+        return self.variants.changes(self.dictionary.effects[group])
+
     def changes_of(self, chosen):
         """`CandidateBank` of the changes of all of a choice, the `CandidateGroup` that each is."""
-        banks = {c.group: self.variants.changes(c.group) for c in chosen if c.plain}
+        banks = {c.group: self.changes(c.group) for c in chosen if c.plain}
         groups = [CandidateGroup(k, of=g) for g, bank in banks.items() for k in range(len(bank))]
         return CandidateBank.joined(banks.values()), groups
 
@@ -197,8 +239,11 @@ class SelectionProblem:
 
         At each `level` four times as near to it.
         """
-        finer = None if self.variants is None else self.variants.finer(group, level)
-        return self.dictionary.only([group]) if finer is None else finer
+        bank = self.dictionary
+        finer = None if self.variants is None else self.variants.finer(
+            bank.effects[group],
+            [bank.effects[g] for g in np.flatnonzero(bank.line == bank.line[group])], level)
+        return bank.only([group]) if finer is None else finer
 
 
 @dataclass

@@ -55,38 +55,38 @@ _FINER = {1: 9, 2: 5}
 
 
 class EffectVariants:
-    """How the effects of a dictionary may change, and members of a scan between those tried.
+    """How effects may change, and members of a scan between those tried.
 
     Each is evaluated when it is asked for.
 
     Parameters
     ----------
-    dictionary : CandidateBank
     context : Context
         Of the rows.
     """
 
-    def __init__(self, dictionary, context):
-        self._dictionary, self._context, self._banks = dictionary, context, {}
+    def __init__(self, context):
+        self._context, self._changes = context, {}
 
-    def changes(self, group):
-        """`CandidateBank` of the changes of a group; it may be empty."""
-        one = self._dictionary.effects[group]
-        if group not in self._banks or self._banks[group][0] is not one:
-            self._banks[group] = one, effect_bank(changes(one, self._context), self._context)
-        return self._banks[group][1]
+    def columns(self, one):
+        """Columns of any effect, shape (d, 2n)."""
+        return effect_bank([one], self._context).columns
 
-    def finer(self, group, level=0):
-        """Of a scan the `CandidateBank` of its members from the one that is tried before to the one
-        after it, of a step at all places between rows; None of other effects. At each `level` four
-        times as near to it.
+    def changes(self, one):
+        """`CandidateBank` of the changes of an effect; it may be empty."""
+        if id(one) not in self._changes:  # (kept beside it: so no other has this id)
+            self._changes[id(one)] = one, effect_bank(changes(one, self._context), self._context)
+        return self._changes[id(one)][1]
+
+    def finer(self, one, scan, level=0):
+        """Of a member of a scan the `CandidateBank` of members from the one that is tried before to
+        the one after it, of a step at all places between rows; None of other effects. At each
+        `level` four times as near to it.
         """
-        bank, e = self._dictionary, self._dictionary.effects[group]
-        if not e.searched:
+        if not one.searched:
             return None
-        scan = [bank.effects[g] for g in np.flatnonzero(bank.line == bank.line[group])]
-        grids = [self._between(e, scan, name, 0.25**level) for name in e.searched]
-        return effect_bank([effect(e.form, **{**e.parameters, **dict(zip(e.searched, values))})
+        grids = [self._between(one, scan, name, 0.25**level) for name in one.searched]
+        return effect_bank([effect(one.form, **one.parameters | dict(zip(one.searched, values)))
                             for values in product(*grids)], self._context)
 
     def _between(self, e, scan, name, part):
@@ -111,16 +111,19 @@ class _SomeVariants:
     """`EffectVariants` of some rows."""
 
     def __init__(self, whole, rows):
-        self._whole, self._rows, self._banks = whole, rows, {}
+        self._whole, self._rows, self._changes = whole, rows, {}
 
-    def changes(self, group):
-        bank = self._whole.changes(group)
-        if group not in self._banks or self._banks[group][0] is not bank:
-            self._banks[group] = bank, bank.rows(self._rows)
-        return self._banks[group][1]
+    def columns(self, one):
+        columns = self._whole.columns(one)
+        return columns.reshape(len(columns), 2, -1)[:, :, self._rows].reshape(len(columns), -1)
 
-    def finer(self, group, level=0):
-        bank = self._whole.finer(group, level)
+    def changes(self, one):
+        if id(one) not in self._changes:
+            self._changes[id(one)] = one, self._whole.changes(one).rows(self._rows)
+        return self._changes[id(one)][1]
+
+    def finer(self, one, scan, level=0):
+        bank = self._whole.finer(one, scan, level)
         return None if bank is None else bank.rows(self._rows)
 
     def rows(self, rows):
@@ -148,7 +151,7 @@ class RunProblem:
         self.problem.dictionary = effect_bank(effects + steps(obs.context), obs.context)
         self.problem.curves = effect_bank(smooths(obs.context) if curves else [], obs.context)
         self.problem.periods = period_bank(obs.context) if curves else PeriodBank([])
-        self.problem.variants = EffectVariants(self.problem.dictionary, obs.context)
+        self.problem.variants = EffectVariants(obs.context)
         self.infeasible = ~feasible
 
     def _slips(self, alpha):

@@ -338,7 +338,7 @@ def nested(problem, folds, alpha, rng, remembers=False, flips=NESTED_FLIPS, whol
 
     def without(fold):
         # all that is random is drawn here, in order, whoever does the work
-        part = problem.rows(np.setdiff1d(everything, fold))
+        part = problem.part(np.setdiff1d(everything, fold))
         chance = Chance(part.n, flips, rng, whole, part.sequence.group)
         partitions = partitions_of(part, FEW_FOLDS, rng)
 

@@ -116,7 +116,7 @@ def test_a_rival_is_judged_with_companions_of_its_own():
 
 
 def test_a_play_is_looked_for_from_either_side():
-    mount = Mount(lambda row: np.array([1.6 * row['approach_az'], 0.0]), 1)
+    mount = Mount(lambda row: np.array([2.0 * row['approach_az'], 0.0]), 3)
     first = diagnose(mount.run(), **FAST)
     assert first.verdict == 'ambiguous'
     asked = Discrimination(first).compare(mount.run())
