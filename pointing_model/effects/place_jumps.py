@@ -27,8 +27,8 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from .base import Effect, Offer, arcsec, effect, form, single_rows
 
 _TURN = 2.0 * np.pi
-#: places of a flop that are tried, at most: of 120 rows half as many find 95 in 100 of lambda 7, not
-#: 97. With play between both ways, rad, there are three times as many
+#: places of a flop that are tried, at most (with half as many, 95 of 100 flops of lambda 7 in 120
+#: rows are found, not 97), and with play between both ways that is, rad
 _FLOPS, _FLOPS_WITH_PLAY, _PLAYS = 96, 48, (5.0 * DEG, 10.0 * DEG, 15.0 * DEG)
 #: rows on either side of a flop, and within a bump, at least
 _FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
