@@ -19,7 +19,8 @@ from functools import cached_property
 import numpy as np
 
 from .candidates import best_of
-from .memory_test import SIMULATIONS, ChoiceLikelihood, MemoryMask, MemoryTest
+from .choice_likelihood import ChoiceLikelihood
+from .memory_test import SIMULATIONS, MemoryMask, MemoryTest
 from .reduced_squares import times_rows
 
 #: rows with which a group's variance is moderated toward that of its axis: of a group on 100 rows
