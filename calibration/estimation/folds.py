@@ -59,6 +59,7 @@ def effective_runs(label):
 def predicted(problem, part, chosen, noise, test):
     """Residuals of `test` rows by a fit to a part of the rows.
 
+    What the part has chosen is predicted at the places and periods that the part has found.
     Columns that each run fits for itself come from the run's rows in the part. A run that has none
     is a new night: they are refitted on its `test` rows, robustly; nothing else of those is used.
 

@@ -58,7 +58,7 @@ def orthonormal(rows):
         length = np.sqrt(np.einsum('ij,ij->i', rows, rows))
         rows = rows[length > 0.0] / length[length > 0.0, None]
         if 0 < len(rows) <= rows.shape[1]:
-            # half, and a tenth of the time of the eigenvalues
+            # a twentieth of the time of the eigenvalues; a tenth
             basis = _orthonormal_by_cholesky(rows)
             basis = _orthonormal_by_qr(rows) if basis is None else basis
             if basis is not None:

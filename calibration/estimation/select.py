@@ -76,7 +76,7 @@ def choose(problem, alpha, chance, partitions=()):
     given_up = []
     for _ in range(ROUNDS):
         choice = eliminate(problem, search(problem, alpha, chance, given_up), alpha, chance,
-                         partitions)
+                           partitions)
         lost = [c for c in choice.dropped_by_cv if c not in given_up]
         if not lost:
             break

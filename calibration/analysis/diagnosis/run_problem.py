@@ -74,7 +74,7 @@ class EffectVariants:
 
     def changes(self, one):
         """`CandidateBank` of the changes of an effect; it may be empty."""
-        if id(one) not in self._changes:  # (kept beside it: so no other has this id)
+        if id(one) not in self._changes:  # the effect is kept, so its id stays its own
             self._changes[id(one)] = one, effect_bank(changes(one, self._context), self._context)
         return self._changes[id(one)][1]
 

@@ -256,7 +256,7 @@ def test_cross_validation_tells_gain_from_decoration():
     assert [c.effect(problem).form for c in found.chosen] == ['hysteresis']
     assert found.gains[0] > 0.3
     both = eliminate(problem, ModelChoice([good, idle], problem.fit([good, idle])), 1.0,
-                   Chance(60, 99, np.random.default_rng(3)), [folds])
+                     Chance(60, 99, np.random.default_rng(3)), [folds])
     assert both.chosen == [good] and idle in [*both.dropped, *both.dropped_by_cv]
 
 
