@@ -22,6 +22,7 @@ import resource
 import shutil
 import signal
 import termios
+from contextlib import suppress
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -189,7 +190,10 @@ def segments_of(pid):
     """Names in `/dev/shm` that a process has locked: its own. Ports from 7000 on are those of all
     graphs of the machine, and of other tests.
     """
-    links = [os.readlink(link) for link in Path(f'/proc/{pid}/fd').iterdir()]
+    links = []
+    for link in Path(f'/proc/{pid}/fd').iterdir():
+        with suppress(FileNotFoundError):  # closed since it was listed
+            links.append(os.readlink(link))
     return {Path(link).name for link in links if link.startswith('/dev/shm/')
             and link.endswith('_el') and '_port' not in link}
 
