@@ -201,7 +201,7 @@ def part_model(trials):
            f'{middle:.2f} ({low:.2f}, {high:.2f})', '0.9')
     yield 'z of its terms; its clock', '; '.join(
         f'{np.sqrt(np.mean(np.square(one))):.2f}' for one in (z, clocks)), '0.8…1.25'
-    yield 'four Etalon arcs determine no terms', f'{few}', 'most'
+    yield 'four Etalon arcs do not determine the terms', f'{few}', 'most'
 
 
 def part_bias(trials):

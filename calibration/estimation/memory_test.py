@@ -171,7 +171,7 @@ class MemoryTest:
     @property
     def has_simulated(self):
         """Whether `by_chance` is known."""
-        return 'by_chance' in self.__dict__
+        return self._normal.ndim == 1 or 'by_chance' in self.__dict__
 
     @cached_property
     def by_chance(self):

@@ -16,7 +16,7 @@
 
     .venv/bin/python docs/make/tables.py [NAME ...]   # all, some forty minutes
     .venv/bin/python docs/make/tables.py --check      # those older than what they rest on; code 1
-    .venv/bin/python docs/make/tables.py --stale      # make these again
+    .venv/bin/python docs/make/tables.py --update     # make these again
 
 A mark says what the table rests on (a hash of the code and data that its command reads), and at
 which commit, where and when it was made:
@@ -365,7 +365,7 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('names', nargs='*', metavar='NAME', help=', '.join(TABLES))
     parser.add_argument('--check', action='store_true', help='list those that are stale')
-    parser.add_argument('--stale', action='store_true', help='make those that are stale')
+    parser.add_argument('--update', action='store_true', help='make those that are stale again')
     args = parser.parse_args()
     if wrong := [name for name in args.names if name not in TABLES]:
         parser.error(f'no table {wrong[0]!r}: it is some of {", ".join(TABLES)}')
@@ -375,7 +375,7 @@ def main():
             print(f'{TABLES[name].page}: {name} is older than what it rests on; make it again: '
                   f'docs/make/tables.py {name}')
         return int(bool(names))
-    for name in stale() if args.stale else args.names or TABLES:
+    for name in stale() if args.update else args.names or TABLES:
         write(name)
         print(f'{TABLES[name].page}: {name}', flush=True)
     return 0

@@ -31,6 +31,8 @@ _CAGE = (0.35, 0.6)
 #: travel from which a cage is told from what repeats each turn, and from which a cable's pull is,
 #: in turns
 _TRAVEL, _WOUND = 1.2, 0.75
+#: by which readings must leave one turn, from 0 or about 0: errors alone leave it by less
+_BEYOND = np.radians(1.0)
 #: in an axis, or how the axis leans
 _WAYS = ('el', 0), ('az', 0), ('lean', 1), ('lean', -1), ('lean', 0)
 #: phase at the ends of the travel from one ratio to the next that is tried, turns
@@ -110,8 +112,14 @@ def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
                   f'cables of the {shaft} that drag', requires=(_ANGLE,), effort=1)
 
 
+def _within_one_turn(angle):
+    """Whether angles, radians, stay within 0° to 360°, or within 180° of 0."""
+    return any(np.abs(angle - middle).max() < 0.5 * _TURN + _BEYOND
+               for middle in (0.0, 0.5 * _TURN))
+
+
 def propose(context, lacking, own):
-    """A cage from 1.2 turns on; cables where the readings go nearly round."""
+    """A cage from 1.2 turns on; cables where the readings go nearly round, and leave one turn."""
     values, reason = context.span(_ANGLE)
     turns = 0.0 if reason else float(np.ptp(values)) / _TURN
     cage = reason or (None if turns >= _TRAVEL else (
@@ -121,8 +129,11 @@ def propose(context, lacking, own):
     yield Offer('bearing_cage', [] if cage else [
         effect('bearing_cage', ratio=float(ratio), how=how, turn=turn)
         for how, turn in _WAYS for ratio in ratios], 'cage of the bearing', cage)
-    drag = reason or (None if turns >= _WOUND else (
-        f'the {context.mount.names.word("az")} readings go over {360.0 * turns:.0f}° only'))
+    word = context.mount.names.word('az')
+    drag = reason or (
+        f'the {word} readings go over {360.0 * turns:.0f}° only' if turns < _WOUND
+        else f'the {word} readings stay within one turn: they may begin anew at its end, and do '
+             'not tell how far the cables are wound up' if _within_one_turn(values) else None)
     middle, half = (0.0, 1.0) if drag else (
         float(0.5 * (values.min() + values.max())), float(0.5 * np.ptp(values)))
     yield Offer('cable_drag', [] if drag else [

@@ -108,10 +108,23 @@ def test_the_dictionary_holds_what_is_asked_for():
                for g in ('grating', 'bars') for k in (1, 2)}
     assert wanted <= names, wanted - names
     assert {form for form, _ in untestable} == {
-        'a disc whose centre goes round', 'cage of the bearing'}  # too short, too few turns
+        # too short, too few turns, one turn that may begin anew
+        'a disc whose centre goes round', 'cage of the bearing', 'cable drag'}
     for e in effects:
         assert e.cause and e.formula and e.driver and e.look_at, e.name
     assert {e.name for e in steps(make_context())} == {'azimuth_zero_step', 'elevation_zero_step'}
+
+
+@pytest.mark.parametrize('first, last, told', [
+    (0.0, 359.9, False), (-179.9, 179.9, False), (-0.5, 360.5, False), (-90.0, 250.0, True),
+    (60.0, 400.0, True)])
+def test_readings_within_one_turn_do_not_count_what_winds_up_cables(first, last, told):
+    reading = np.radians(np.linspace(first, last, 60))
+    effects, untestable = dictionary(make_context(az=np.mod(reading, 2.0 * np.pi), az_enc=reading))
+    cables = [e for e in effects if e.form == 'cable_drag']
+    assert bool(cables) == told
+    assert [effect_from_document(to_document(e)) for e in cables] == cables
+    assert ('stay within one turn' in dict(untestable).get('cable drag', '')) != told
 
 
 def test_every_effect_comes_back_from_its_document():
