@@ -28,7 +28,7 @@ from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
 from .drifts import clock
 
 #: slips, at least: fewer are steps; share of the slews, at most; lengths tried between them
-_FEWEST, _MOST, _TRIED = 3, 0.7, 24
+_FEWEST, _MOST, _TRIED = 3, 0.7, 40
 #: least length of a slew: what an axis turns by less may be its error itself
 _SLEW = 1.0 * DEG
 #: by which the longer slews are longer: on a grid of equal steps it is the error that tells which
