@@ -14,6 +14,7 @@
 
 """How large a candidate's score is by chance: sign flips of leverage-corrected residual pairs."""
 
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -210,6 +211,7 @@ class Chance:
         self._group = np.arange(n) if group is None else np.unique(group, return_inverse=True)[1]
         self._rng, self._n, self._count = rng.spawn(1)[0], n, count
         self._memory_tests, self._likelihood, self._whole = {}, None, whole
+        self._simulated_for = None, []
         if whole is None:
             self.signs = self._drawn(rng)
 
@@ -221,7 +223,18 @@ class Chance:
     @property
     def of_part(self):
         """Whether the rows are a part of those that are searched."""
+        return self._whole is not None and self._whole._n != self._n
+
+    @property
+    def searched_before(self):
+        """Whether a search was done before, of these rows or more, and chance is known from it."""
         return self._whole is not None
+
+    def for_alternatives(self):
+        """The same flips, for further searches of the same rows."""
+        out = copy(self)
+        out._memory_tests, out._likelihood, out._whole = {}, None, self
+        return out
 
     @cached_property
     def signs(self):
@@ -284,6 +297,10 @@ class Chance:
 
         The largest scores by chance rest on what the groups are, and hardly on the rows.
         """
+        known, of = self._simulated_for
+        if known is problem and of == chosen:
+            return
+        self._simulated_for = problem, list(chosen)
         fit = problem.plain.fit(chosen)
         periods = [c for c in chosen if c.period]
         if periods:
@@ -361,7 +378,7 @@ class Chance:
     def _p(self, fit, scores, group, alpha):
         bank = scores.bank
         by_chance = bank.by_chance.get(bank.effects[group].share)
-        if self.of_part and by_chance is not None:
+        if self.searched_before and by_chance is not None:
             return _share(by_chance, ChanceTest(fit, scores, group, [group]).z)
         test = ChanceTest(fit, scores, group, bank.rivals(group))
         count = len(self.signs)

@@ -311,9 +311,9 @@ def _add_change(problem, plain, choice, alpha, chance, given_up):
 
 
 def _add_period(problem, plain, choice, alpha, chance, given_up):
-    """A wave of unknown period; of parts of the rows only where all rows have one."""
+    """A wave of unknown period; in a further search only where the first has found one."""
     bank = problem.periods
-    if chance.of_part and bank.near is None:
+    if chance.searched_before and bank.near is None:
         return False
     lost = [c.group for c in given_up if c.period]
     while len(lost) < len(bank.scans) + len(given_up):

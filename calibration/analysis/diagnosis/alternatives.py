@@ -121,8 +121,10 @@ def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacin
     for i in sorted(range(len(choice.chosen)), key=lambda i: -choice.significances[i].delta_bic):
         near = near_alternatives(problem, choice, i)[:left] if left else []
         left -= len(near)
+        if near:  # chance is known from this choice, as it is of parts of the rows
+            chance.simulate(problem, choice.chosen)
         tried = [model for g in near if (model := _tried(
-            problem, choice, i, g, near, alpha, chance, partitions)) is not None]
+            problem, choice, i, g, near, alpha, chance.for_alternatives(), partitions)) is not None]
         choice.significances[i].behind = {model.one.group: model.behind for model in tried}
         best = min(tried, key=lambda model: model.behind, default=None)
         if best is None:

@@ -73,6 +73,17 @@ def test_a_worm_is_found_with_its_period(seed, axis):
     assert abs(bank.rate[chosen.group] - 180.0) < 4.0 * error
 
 
+def test_a_further_search_has_only_waves_that_the_first_has_found():
+    """What shows beside an alternative alone is as much noise that it has left."""
+    rng, angle, values = rows(3)
+    values[0] += 6.0 * np.cos(180.0 * angle)
+    problem, chance = problem_of(values, angle), Chance(60, 1999, rng)
+    assert not search(problem, 0.01, chance.for_alternatives()).chosen
+    found = search(problem, 0.01, chance).chosen
+    chance.simulate(problem, found)
+    assert found and search(problem, 0.01, chance.for_alternatives()).chosen == found
+
+
 def test_noise_has_no_period():
     found = 0
     for seed in range(20):
