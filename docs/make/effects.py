@@ -64,6 +64,8 @@ def run_of(kind):
                  'miss_x', 'miss_y', 'az_rate', 'el_rate'):
         columns[name] = rng.normal(size=n) * (1e-4 if '_' in name else 1.0)
     columns['rotator_deg'] = rng.uniform(0.0, 360.0, n)
+    if mount.vertical:  # cables and a cage count whole turns
+        columns['az_enc'] = first + 2.0 * np.pi * rng.integers(-1, 2, n)
     return PointingRun(columns, {'site': site, 'mount': mount, 'raw_reading': True,
                                  'graduation': {}, 'worms': {'az': 180.0}})
 
