@@ -201,7 +201,8 @@ class Chance:
         Flips.
     rng : numpy.random.Generator
     whole : Chance, optional
-        Of all rows, where these are a part of them: what it has simulated counts here too.
+        Of all rows, where these are a part of them (or the same, searched further): what it has
+        simulated counts here too.
     group : ndarray of int, shape (n,), optional
         Rows of one group are flipped together: a star measured twice within minutes has its error
         twice, and is no second measurement.
@@ -293,7 +294,7 @@ class Chance:
         return group, test.p(group)
 
     def simulate(self, problem, chosen):
-        """Flip signs, and simulate runs with the noise beside a choice, for all parts to know.
+        """Flip signs, and simulate runs with the noise beside a choice: parts and alternatives ask.
 
         The largest scores by chance rest on what the groups are, and hardly on the rows.
         """

@@ -365,7 +365,7 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('names', nargs='*', metavar='NAME', help=', '.join(TABLES))
     parser.add_argument('--check', action='store_true', help='list those that are stale')
-    parser.add_argument('--update', action='store_true', help='make those that are stale again')
+    parser.add_argument('--update', action='store_true', help='make again those that are stale')
     args = parser.parse_args()
     if wrong := [name for name in args.names if name not in TABLES]:
         parser.error(f'no table {wrong[0]!r}: it is some of {", ".join(TABLES)}')

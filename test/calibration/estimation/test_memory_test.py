@@ -15,7 +15,7 @@
 import numpy as np
 import pytest
 
-from calibration.estimation.memory_test import SIMULATIONS, TAIL, tail_share
+from calibration.estimation.memory_test import SIMULATIONS, TAIL, MemoryTest, tail_share
 
 
 def largest(rng, nights):
@@ -45,3 +45,11 @@ def test_a_share_is_counted_in_the_bulk_and_never_nothing():
     far = [tail_share(nights, ratio) for ratio in (170.0, 200.0, 300.0)]
     assert 0.1 < far[0] < TAIL and far[0] > far[1] > far[2] > 0.0
     assert tail_share(np.full(199, 3.0), 4.0) < 1e-9
+
+
+def test_a_test_made_again_with_known_ratios_has_them():
+    """Parts of the rows would else lose what was simulated for all."""
+    known, drawn = (MemoryTest(None, None, [], normal, None) for normal in (
+        np.arange(3.0), np.zeros((3, 8))))
+    assert known.has_simulated and np.array_equal(known.by_chance, np.arange(3.0))
+    assert not drawn.has_simulated
