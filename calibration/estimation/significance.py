@@ -25,6 +25,9 @@ from .memory_test import MemoryMask
 #: candidates within this BIC of the best are one set: from 6 on the evidence for one of two is
 #: "strong" (Kass and Raftery 1995, section 3.2)
 SET_WIDTH = 6.0
+#: below the set, in BIC, to where what is scanned is asked between the places that were tried: its
+#: place is not where it fits best, as that of what was found
+_NEARLY = 3.0
 #: squared cosine from which two groups are the same curve: what they do not share is then below
 #: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
 ALIAS = 0.98
@@ -119,18 +122,20 @@ def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
         # what memory is left is known with the group in the model
         scores = bank.score(problem.fit(chosen, weights, without=i,
                                         memory=problem.fit(chosen).memory), groups)
-    equals = [] if chosen[i].curve or alone else _equals(problem, choice, i, bank, g, scores)
-    same = []
+    every, equals, same = scores.delta_bic, [], []
+    if not (chosen[i].curve or alone):
+        if chosen[i].plain:
+            every = _refined(problem, g, scores)
+        equals = _equals(problem, choice, i, bank, g, every)
     if equals:
         own = scores.basis(g)
         # what it shares nothing with, as one of the other axis, is no cause of the same
         equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT
                   # nor what holds it and more, and fits no better; a scan has directions, too
-                  and (scores.delta_bic[k] > scores.delta_bic[g]
+                  and (every[k] > every[g]
                        or scores.dof[k] <= scores.dof[g] + bank.scan_cost[g]
                        or contained(own, scores.basis(k)) <= ALIAS)]
         same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
-    every = scores.delta_bic
     if chosen[i].period:  # of each scan the best: they are thousands
         best = [*problem.periods.best_of_scans(scores, g), g]
         every = np.full(len(every), -np.inf)
@@ -138,16 +143,28 @@ def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
     return Significance(p, float(scores.delta_bic[g]), equals, same, every)
 
 
-def _equals(problem, choice, i, bank, g, scores):
+def _refined(problem, g, scores):
+    """Gains, (G,), with what is scanned and nearly in the set of `g` where it fits best."""
+    bank, gains = scores.bank, scores.delta_bic
+    out, limit, lines = gains.copy(), gains.max() - SET_WIDTH, {int(bank.line[g])}
+    near = np.flatnonzero((gains < limit) & (gains > max(limit - _NEARLY, 0.0)))
+    for k in near[np.argsort(-gains[near], kind='stable')]:
+        if bank.effects[k].scan is not None and int(bank.line[k]) not in lines:
+            out[k] = max(gains[k], problem.finer(int(k)).score(scores.fit).delta_bic.max())
+        lines.add(int(bank.line[k]))
+    return out
+
+
+def _equals(problem, choice, i, bank, g, gains):
     """Groups of other lines that gain as much in the place of one of a choice."""
     one = choice.chosen[i]
     others = {c.family(problem, choice.chosen)[1] for j, c in enumerate(choice.chosen)
               if j != i and (c.curve, c.period, c.of is None) == (
                   one.curve, one.period, one.of is None)}
-    limit, lines, near = scores.delta_bic.max() - SET_WIDTH, {int(bank.line[g])}, []
+    limit, lines, near = gains.max() - SET_WIDTH, {int(bank.line[g])}, []
     # of two names of one curve the first, whatever the rounding
-    for other in np.argsort(-np.round(scores.delta_bic / TIE), kind='stable'):
-        if scores.delta_bic[other] < max(limit, 0.0):
+    for other in np.argsort(-np.round(gains / TIE), kind='stable'):
+        if gains[other] < max(limit, 0.0):
             break
         if other != g and other not in others and int(bank.line[other]) not in lines:
             lines.add(int(bank.line[other]))
