@@ -259,7 +259,7 @@ class Chance:
         if self.of_part and problem.base.groups:
             return 1.0  # of runs with terms of their own it takes minutes in all folds together
         share = bank.effects[g].share
-        test = self._memory_test(problem, chosen, mask.covered(bank.rivals(g)), share)
+        test = self._memory_test(problem, chosen, mask, share)
         return test.p(g) if test is not None else 1.0
 
     def beyond_memory(self, problem, chosen, bank, mask, without=()):
@@ -283,11 +283,11 @@ class Chance:
         if bank is not problem.dictionary or self.of_part and problem.base.groups:
             return none
         found = []
-        for share, groups in bank.shares.items():
-            some = np.setdiff1d(mask.covered(groups), without)
-            test = self._memory_test(problem, chosen, some, share) if len(some) else None
-            if test is not None:
-                found.append((*test.best(mask.scores.delta_bic, without), test))
+        for share in bank.shares:
+            test = self._memory_test(problem, chosen, mask, share)
+            group, ratio = (None, 0.0) if test is None else test.best(without)
+            if group is not None:
+                found.append((group, ratio, test))
         if not found:
             return none
         group, _, test = max(found, key=lambda one: one[1])
@@ -321,11 +321,10 @@ class Chance:
         mask = MemoryMask(problem, chosen, bank, fit)
         shares = {c.effect(problem).share for c in chosen if c.plain}
         for share in shares | {'dictionary'}:
-            some = mask.covered(bank.shares.get(share, ()))
-            if len(some):
-                self._memory_test(problem, chosen, some, share).by_chance  # noqa: B018
+            if len(mask.covered(bank.shares.get(share, ()))):
+                self._memory_test(problem, chosen, mask, share).by_chance  # noqa: B018
 
-    def _memory_test(self, problem, chosen, groups, share):
+    def _memory_test(self, problem, chosen, mask, share):
         key, fit = (share, frozenset(chosen)), problem.plain.fit(chosen)
         known, test = self._memory_tests.get(key, (None, None))
         if known is not fit:  # of what was refined since, the ratios are others
@@ -333,7 +332,7 @@ class Chance:
             if normal is None:
                 return None
             chosen = list(chosen)
-            test = MemoryTest(problem, problem.dictionary, groups, normal,
+            test = MemoryTest(problem, mask, share, normal,
                               lambda: self._choice_likelihood(problem, chosen))
             self._memory_tests[key] = fit, test
         return test

@@ -115,6 +115,18 @@ class MemoryMask:
             self._asked[new] = True
         return groups[self._covered[groups]]
 
+    def likely(self, groups, count):
+        """Of some groups (ascending) that are of them the `count` with the largest gains beside the
+        fit with memory, ascending.
+        """
+        order = groups[np.argsort(-self.scores.delta_bic[groups], kind='stable')]
+        stop = count
+        while True:  # few of them are asked
+            stop *= 2
+            covered = self.covered(np.sort(order[:stop]))
+            if len(covered) >= count or stop >= len(order):
+                return np.sort(order[np.isin(order, covered)][:count])
+
     def _inflates(self, columns, starts):
         """Of groups whose whitened columns, beyond the model, begin at `starts`."""
         if not self.fit.memory:
@@ -125,29 +137,28 @@ class MemoryMask:
 
 
 class MemoryTest:
-    """The test of the groups of a bank beside one choice.
+    """The test of the groups of the dictionary that have one share, beside one choice.
 
     Parameters
     ----------
     problem : SelectionProblem
-    bank : CandidateBank
-        The dictionary.
-    groups : ndarray of int
-        That such noise can be mistaken for.
+    mask : MemoryMask
+        Which of them such noise can be mistaken for.
+    share : str
     normal : ndarray, shape (b, 2n) or (b,)
         Standard normal noise; or the largest ratios by chance, if they are known.
     likelihood : callable
         Gives the `ChoiceLikelihood`, which is too large to be kept of each choice.
     """
 
-    def __init__(self, problem, bank, groups, normal, likelihood):
-        self._problem, self._bank, self._groups, self._normal = problem, bank, groups, normal
-        self._likelihood = likelihood
+    def __init__(self, problem, mask, share, normal, likelihood):
+        self._problem, self._mask, self._share = problem, mask, share
+        self._normal, self._likelihood = normal, likelihood
         self._known = {}  # ratios of groups
 
     def p(self, g):
         """Chance that noise makes any of the groups look as `g` does."""
-        scanned, ratio = self._bank.effects[g].share == 'scans', self._known.get(g)
+        scanned, ratio = self._problem.dictionary.effects[g].share == 'scans', self._known.get(g)
         if scanned or ratio is None:
             ratio = self._likelihood().ratios(self._problem.finer(g)).max()
             self._known[g] = ratio
@@ -159,11 +170,13 @@ class MemoryTest:
         # what goes with the clock is what such noise looks like most: on the safe side
         return min(_SAFE * share, 1.0)
 
-    def best(self, gains, without=()):
-        """Of the groups with the largest `gains` (G,) that with the largest ratio, and that."""
-        some = np.setdiff1d(self._groups, without)
-        likely = np.sort(some[np.argsort(-gains[some], kind='stable')[:_LIKELY]])
-        ratios = self._likelihood().ratios(self._bank.only(likely))[0]
+    def best(self, without=()):
+        """Of the groups with the largest gains that with the largest ratio, and that; or None."""
+        likely = self._mask.likely(
+            np.setdiff1d(self._problem.dictionary.shares[self._share], without), _LIKELY)
+        if not len(likely):
+            return None, 0.0
+        ratios = self._likelihood().ratios(self._problem.dictionary.only(likely))[0]
         self._known.update(zip(likely.tolist(), ratios))
         place = largest(ratios)
         return int(likely[place]), float(ratios[place])
@@ -179,7 +192,8 @@ class MemoryTest:
         if self._normal.ndim == 1:
             return self._normal
         likelihood = self._likelihood()
-        return likelihood.ratios(self._bank.only(self._groups),
+        covered = self._mask.covered(self._problem.dictionary.shares[self._share])
+        return likelihood.ratios(self._problem.dictionary.only(covered),
                                  likelihood.simulated(self._normal)).max(axis=1)
 
 

@@ -49,7 +49,7 @@ def test_a_share_is_counted_in_the_bulk_and_never_nothing():
 
 def test_a_test_made_again_with_known_ratios_has_them():
     """Parts of the rows would else lose what was simulated for all."""
-    known, drawn = (MemoryTest(None, None, [], normal, None) for normal in (
+    known, drawn = (MemoryTest(None, None, '', normal, None) for normal in (
         np.arange(3.0), np.zeros((3, 8))))
     assert known.has_simulated and np.array_equal(known.by_chance, np.arange(3.0))
     assert not drawn.has_simulated
