@@ -131,8 +131,9 @@ def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
         own = scores.basis(g)
         # what it shares nothing with, as one of the other axis, is no cause of the same
         equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT
-                  # nor what holds it and more, and fits no better; a scan has directions, too
-                  and (every[k] > every[g]
+                  # nor what holds it and more of the same driver, and fits no better; a scan has
+                  # directions, too
+                  and (every[k] > every[g] or bank.effects[k].driver != bank.effects[g].driver
                        or scores.dof[k] <= scores.dof[g] + bank.scan_cost[g]
                        or contained(own, scores.basis(k)) <= ALIAS)]
         same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
