@@ -40,8 +40,7 @@ from race import Row, race
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.sky.air import Weather
-from pointing_model.sky.site import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE, Weather
 
 
 def raced(part, size, wanted, ours, peers, rounds=5):

@@ -34,10 +34,9 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount
 from pointing_model.runs.run_reader import read_run
-from pointing_model.sky.air import Weather
 from pointing_model.sky.earth import terrestrial
 from pointing_model.sky.places import observed_to_icrs, sidereal_time
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import Site, Weather
 
 START = 1.777e9  # 2026-04-24
 EQUINOXES = ('J2000', 'of date')

@@ -64,8 +64,7 @@ from calibration.estimation.folds import contiguous_folds, random_folds
 from calibration.estimation.predictor import DRIVEN, rows_left_out
 from calibration.estimation.shrinkage import Beyond, chosen
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky.air import Weather
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import Site, Weather
 from telescope_mount.run_loader import load_run
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -42,9 +42,8 @@ from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole
-from pointing_model.sky.air import Weather
 from pointing_model.sky.places import observed_to_icrs
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import Site, Weather
 from telescope_mount.run_loader import load_run
 
 SIGMAS = 5.0

@@ -32,14 +32,12 @@ import numpy as np
 from race import Row, peer, race, show
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky.air import Weather
 from pointing_model.sky.earth import earth_orientation, split_utc
 from pointing_model.sky.elements import Satellite, turned
-from pointing_model.sky.orbits.ephemeris import Arc
-from pointing_model.sky.orbits.interpolation import lagrange
+from pointing_model.sky.orbits.ephemeris import Arc, lagrange
 from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.satellite import Corrections, satellite_place
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import Site, Weather
 
 DATA = Path(__file__).resolve().parent.parent.parent / 'shared' / 'data' / 'orbits'
 #: file -> what is in it, limit of the RMS (m)

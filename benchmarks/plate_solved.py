@@ -47,9 +47,8 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.formats.csv import iso_utc
 from pointing_model.runs.plate_solves.frames import parse_frame, to_icrs
 from pointing_model.runs.run import PointingRun
-from pointing_model.sky.air import Weather
 from pointing_model.sky.places import observed_place, observed_to_icrs
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import Site, Weather
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.observing.reading_pairs import centred
 

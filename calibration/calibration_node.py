@@ -365,11 +365,11 @@ class Calibration(MountNode):
 
     def problems(self):
         """Where the encoders and the sky of the last night disagree, or cannot be compared."""
-        from .report.diagnostics_rows import problem_sentences
+        from calibration.report.calibration_wording import problem_sentences
         return [(DiagnosticStatus.WARN, text) for text in problem_sentences(
             self._state, self._marks_unknown(), self._refused)]
 
     def details(self):
         """What has come."""
-        from .report.diagnostics_rows import state_rows
+        from calibration.report.calibration_wording import state_rows
         return state_rows(self._state, self._taken_up, self._finding)

@@ -22,10 +22,9 @@ import erfa
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.sky.air import DEFAULT_WEATHER, Weather
 from pointing_model.sky.earth import TURN_RATE
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, Site
+from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather
 from pointing_model.sky.star_catalogue import load_catalogue
 
 from . import keyed_noise
@@ -100,7 +99,7 @@ class Camera:
     seed : int
     site : site.Site
         Where the mount is, if the scenario does not say.
-    weather : air.Weather
+    weather : site.Weather
         The same of the air.
     start : float
         Start of the night, UTC s, from which the temperature changes.

@@ -18,9 +18,7 @@ from collections import deque
 
 import numpy as np
 
-from msg_tools.units import DEG
-
-from .reading_interpolation import interpolate
+from msg_tools.units import DEG, wrap
 
 #: an axis faster than this is no place to compare encoders of different latency, rad/s
 _SLOW = 0.01 * DEG
@@ -67,3 +65,45 @@ class Difference:
         if np.all(np.abs(rate) < _SLOW):
             self.incremental, self.absolute = reading, np.array(self._second[1])
             self.start = self._second[2]
+
+
+def interpolate(stamps, angles, stamp, before=0):
+    """The angles at `stamp`, between the readings beside it.
+
+    Parameters
+    ----------
+    stamps : array_like of int, shape (n,)
+        Nanoseconds, increasing.
+    angles : array_like, shape (n, 2)
+        Azimuth and elevation, rad.
+    stamp : int
+        Within the range of `stamps`.
+    before : int
+        Rates are from that long before it (ns) to the next reading; 0: between the two readings.
+
+    Returns
+    -------
+    angles : ndarray, shape (2,)
+        Radians; NaN where an axis gave none.
+    rates : ndarray, shape (2,)
+        rad/s.
+
+    Raises
+    ------
+    ValueError
+        No reading on one side of `stamp`.
+    """
+    stamps = np.asarray(stamps, dtype=np.int64)
+    angles = np.asarray(angles, dtype=float).reshape(-1, 2)
+    i = int(np.searchsorted(stamps, stamp, side='left'))
+    if i < len(stamps) and stamps[i] == stamp and i == 0:
+        i = 1
+    if i == 0 or i >= len(stamps):
+        raise ValueError('no encoder readings on both sides of the exposure')
+    low, high = angles[i - 1], angles[i]
+    span = float(stamps[i] - stamps[i - 1])
+    step = np.array([wrap(high[0] - low[0]), high[1] - low[1]])
+    first = min(int(np.searchsorted(stamps, stamp - before)), i - 1)
+    way = np.array([wrap(high[0] - angles[first, 0]), high[1] - angles[first, 1]])
+    rate = way / (float(stamps[i] - stamps[first]) * 1e-9)
+    return low + step * (float(stamp - stamps[i - 1]) / span), rate

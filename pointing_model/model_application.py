@@ -113,8 +113,9 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
     ValueError
         No latitude, or another one than that of the mount; a site, time or air out of range.
     """
+    from pointing_model.sky.site import DEFAULT_WEATHER, Weather
+
     from .runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
-    from .sky.air import DEFAULT_WEATHER, Weather
     from .sky.places import observed_directions
     from .sky.site import Site
     mount = getattr(mount, 'mount', mount)

@@ -30,9 +30,8 @@ from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
 from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
 from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.plate_solves.solvers import NotSolved, find_solver
-from pointing_model.sky.air import DEFAULT_WEATHER
 from pointing_model.sky.places import observed_directions
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import DEFAULT_WEATHER, Site
 
 from .bolt_watch import COLLECTED, STOPPED, THREE, BoltWatch
 

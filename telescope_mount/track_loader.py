@@ -26,10 +26,9 @@ from pointing_model.runs.columns.declarations import declarations, standard_pres
 from pointing_model.runs.columns.run_table import content, read_lines
 from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
-from pointing_model.sky.air import DEFAULT_WEATHER, Weather
 from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.places import icrs_to_observed
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import DEFAULT_WEATHER, Site, Weather
 from telescope_mount.night_files import log_of
 
 from .observing.reading_pairs import centred

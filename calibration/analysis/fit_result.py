@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.estimation.estimate import Linearisation
 from msg_tools.units import ARCSEC
 from pointing_model.model import OPEN, PointingModel
 from pointing_model.mounts import rows_by_side
@@ -25,7 +26,6 @@ from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import NO_ZERO, PowerOnZero, Zeros
 
 from ..estimation.few_rows import FEW, interval_factor
-from ..estimation.linearisation import Linearisation
 from ..rows import BEYOND_COLLIMATION
 from .finding import Finding
 

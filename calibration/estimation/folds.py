@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Predicting rows that a fit has not seen."""
+"""Folds of the rows, and predicting rows that a fit has not seen."""
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from .linear_model import DISTINCT
 #: part of a direction of the columns that rows beside a fold must determine, to be predicted by the
 #: leverage of the fold's rows
 _DETERMINED = 1e-4
+#: folds of the cross-validation; of `LONG` rows on, where each takes long, at most `FEW_FOLDS`
+FOLDS, FEW_FOLDS, LONG = 10, 5, 1500
+#: runs from which on whole runs are left out: with fewer, a fold is a third of all there is
+RUNS = 4
 
 
 def random_folds(group, count, rng):
@@ -169,3 +173,29 @@ def _without_each(basis, noise, b, folds):
             [rows[:, part] @ left[part] for part in parts])[..., None])):
         out[part] = left[part] + more[:, 0] @ rows[:, part]
     return (out / np.where(noise.root > 0.0, noise.root, np.inf)).reshape(2, n)
+
+
+def partitions_of(problem, count, rng):
+    """Folds by which a choice is judged: at random and in stretches; whole runs from 4 runs on.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    count : int
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    list of list of ndarray of int
+    """
+    sequence = problem.sequence
+    if problem.n > LONG:
+        count = min(count, FEW_FOLDS)
+    if effective_runs(sequence.run) >= RUNS:
+        return [run_folds(sequence.run, min(count, len(np.unique(sequence.run))), rng)]
+    return [random_folds(sequence.group, count, rng), _stretches(problem, count)]
+
+
+def _stretches(problem, count):
+    """Folds of neighbours in time (or in the order of the rows), who may share their error."""
+    return contiguous_folds(np.argsort(problem.sequence.order), count)

@@ -24,11 +24,10 @@ from pointing_model.mount_kinds import USUAL, kind_of
 from .cause_wording import open_causes, short_cause, still_open
 from .error_table import ErrorLine
 from .figure_wording import STAYS, best_pair, way_size
-from .noise_wording import cause_words
+from .noise_wording import axes_sentence, cause_words, is_headline, scatter_sentence
 from .observation_wording import place_words, proposals
 from .period_wording import PHASE
 from .row_wording import bad_nights, far_text, left_out_lines
-from .scatter_wording import axes_sentence, is_headline, scatter_sentence
 from .verdict_wording import short_headline, slow_is_largest
 
 MOST_OUTLIERS, _REASONS = 3, 2

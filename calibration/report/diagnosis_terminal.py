@@ -21,7 +21,7 @@ from pointing_model.effects.base import driver_word
 from pointing_model.mount_kinds import kind_of
 
 from .error_table import MOST_ERRORS
-from .terminal_layers import height_of
+from .terminal_layout import height_of
 from .terminal_tables import decimals, new_table
 
 #: cautions that are listed; lines of the first layer, without first answer and page

@@ -14,13 +14,20 @@
 
 """Tables for a terminal of any width, in which no number is ever cut."""
 
+from io import StringIO
+from textwrap import wrap
+
 from rich.cells import cell_len
+from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
 from msg_tools.terminal_signs import spelled
 
+#: of a terminal, whatever is written into a page beside
+LINES, COLUMNS = 24, 80
+MORE = '{} more: --verbose'
 #: spaces between two columns, and on the left of a table
 _GAP, _MARGIN = 3, 1
 #: a column of words is not made narrower than this before the table is stacked
@@ -159,3 +166,48 @@ def _is_number(cell):
         return True
     except ValueError:
         return False
+
+
+def height_of(part):
+    """Lines of a text or table on a terminal of 80 columns."""
+    if isinstance(part, str):
+        return sum(len(wrap(line, COLUMNS)) or 1 for line in part.split('\n'))
+    console = Console(file=StringIO(), width=COLUMNS, markup=False, emoji=False, highlight=False)
+    console.print(part)
+    return console.file.getvalue().count('\n')
+
+
+def layered(first, more=(), verbose=False, files=0, rest=()):
+    """Parts of a result that are printed.
+
+    Parameters
+    ----------
+    first : list
+        What is always printed: texts and tables.
+    more : list
+        What comes after it, the most important first: without `verbose` what has room.
+    verbose : bool
+        Print all.
+    files : int
+        Lines that are printed after it: names of files.
+    rest : list
+        What is printed only with `verbose`.
+
+    Returns
+    -------
+    list
+        Of these parts; at its end a line that counts what is left out.
+    """
+    first, more, rest = ([part for part in parts if part] for parts in (first, more, rest))
+    if verbose:
+        return [*first, *more, *rest]
+    room = LINES - files - sum(map(height_of, first))
+    heights, shown = list(map(height_of, more)), []
+    for i, part in enumerate(more):
+        # the last line counts those left out, if there are any
+        line = bool(rest) or len(shown) < i or i + 1 < len(more)
+        if heights[i] + line <= room:
+            shown.append(part)
+            room -= heights[i]
+    hidden = len(more) - len(shown) + len(rest)
+    return [*first, *shown, *([MORE.format(hidden)] if hidden else [])]

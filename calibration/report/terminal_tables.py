@@ -25,7 +25,7 @@ from .alignment_wording import alignment_lines
 from .fit_wording import UNDETERMINED, origin_sentence
 from .night_document import RAW, steps_of
 from .row_wording import expected_sentence, left_out_lines, outlier_sentence, used_sentence
-from .terminal_layers import layered
+from .terminal_layout import layered
 from .wording import wording
 
 #: parts of a prediction that are listed; terms that are listed in one column
@@ -61,7 +61,7 @@ def night_parts(report):
     Returns
     -------
     first, more, rest : list
-        As of `terminal_layers.layered`: texts and tables.
+        As of `terminal_layout.layered`: texts and tables.
     """
     names, first, more = kind_of(report), [], []
     chosen = [step for step in steps_of(report) if step]

@@ -23,11 +23,19 @@ from .cause_wording import counted, first_check, open_causes
 from .diagnosis_wording import limit_words
 from .figure_wording import STAYS, best_pair, beyond, figures_sentence, repeat_sentence, way
 from .fit_wording import implausible_term
-from .noise_wording import cause_words, correlation_sentence, drift_words, explanation
+from .noise_wording import (
+    axes_sentence,
+    axes_words,
+    cause_words,
+    correlation_sentence,
+    drift_words,
+    explanation,
+    is_headline,
+    scatter_sentence,
+)
 from .observation_wording import next_sentence
 from .raw_error_wording import raw_error_sentence
 from .row_wording import bad_nights, outlier_sentence, worst_sentence
-from .scatter_wording import axes_sentence, axes_words, is_headline, scatter_sentence
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0

@@ -38,9 +38,8 @@ from msg_tools.units import DEG, wrap  # noqa: E402
 from pointing_model.mounts import is_beyond, through_pole  # noqa: E402
 from pointing_model.runs.formats.csv import iso_utc  # noqa: E402
 from pointing_model.runs.plate_solves.frames import OF_DATE, to_icrs  # noqa: E402
-from pointing_model.sky.air import Weather  # noqa: E402
 from pointing_model.sky.places import observed_to_icrs, sidereal_time  # noqa: E402
-from pointing_model.sky.site import DEFAULT_SITE  # noqa: E402
+from pointing_model.sky.site import DEFAULT_SITE, Weather  # noqa: E402
 from telescope_mount.run_loader import load_run  # noqa: E402
 
 WIDTH = 900  # of a picture, pixels

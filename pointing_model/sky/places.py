@@ -27,10 +27,9 @@ import numpy as np
 
 from msg_tools.units import wrap
 
-from .air import DEFAULT_WEATHER, Weather, refracted
 from .earth import terrestrial
 from .frame import frame
-from .site import DEFAULT_SITE
+from .site import DEFAULT_SITE, DEFAULT_WEATHER, Weather, refracted
 from .star_rates import SIDEREAL
 
 

@@ -39,10 +39,9 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
-from .air import DEFAULT_WEATHER
 from .earth import DAY, TURN_RATE, earth_orientation, split_utc, terrestrial
 from .elements import turned
-from .site import DEFAULT_SITE
+from .site import DEFAULT_SITE, DEFAULT_WEATHER
 
 _EARTH_RADIUS = 6378137.0  # m, equatorial, for the shadow
 # what ERFA's atioq takes as the least cosine and sine of an elevation

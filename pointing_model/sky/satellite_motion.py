@@ -22,11 +22,10 @@ import numpy as np
 from msg_tools.units import wrap
 from pointing_model.mounts import ALTAZ
 
-from .air import DEFAULT_WEATHER
 from .earth import TURN_RATE
 from .elements import turned
 from .satellite import horizon_axes, satellite_place
-from .site import DEFAULT_SITE
+from .site import DEFAULT_SITE, DEFAULT_WEATHER
 
 #: s, to either side: the third derivative of a low satellite's place makes 0.01" in it
 _STEP = 0.25

@@ -12,11 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The site of a mount: latitude, longitude, height, in SI and as people give them."""
+"""The site of a mount, and the air there with the refraction that ERFA computes of it."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
+import erfa
 import numpy as np
 
 from msg_tools.units import DEG
@@ -28,7 +30,7 @@ class Quantity(NamedTuple):
     Attributes
     ----------
     field : str
-        Of `Site` or `air.Weather`.
+        Of `Site` or `Weather`.
     unit : str
         In words.
     size : float
@@ -56,6 +58,10 @@ class Quantity(NamedTuple):
 SITE = {'latitude_deg': Quantity('latitude', 'degrees', DEG, -90.0, 90.0),
         'longitude_deg': Quantity('longitude', 'degrees', DEG, -180.0, 360.0),
         'height_m': Quantity('height', 'm', 1.0, -500.0, 10000.0)}
+AIR = {'pressure_hpa': Quantity('pressure_hpa', 'hPa', 1.0, 0.0, 1200.0),
+       'temperature_c': Quantity('temperature_c', 'degrees Celsius', 1.0, -90.0, 60.0),
+       'humidity': Quantity('humidity', '(a fraction)', 1.0, 0.0, 1.0),
+       'wavelength_um': Quantity('wavelength_um', 'micrometres', 1.0, 0.2, 1e6)}
 
 
 @dataclass(frozen=True)
@@ -85,3 +91,55 @@ class Site:
 
 
 DEFAULT_SITE = Site()
+
+
+@dataclass(frozen=True)
+class Weather:
+    """Air at the mount, for the refraction; each a number or one for each observation.
+
+    Parameters
+    ----------
+    pressure_hpa : float or ndarray
+        Pressure at the mount, not reduced to sea level; 0 means no refraction.
+    temperature_c : float or ndarray
+        Degrees Celsius.
+    humidity : float or ndarray
+        Relative, 0 to 1.
+    wavelength_um : float
+        Micrometres.
+
+    Raises
+    ------
+    ValueError
+        Out of range.
+    """
+
+    pressure_hpa: float = 955.0
+    temperature_c: float = 10.0
+    humidity: float = 0.5
+    wavelength_um: float = 0.55
+
+    def __post_init__(self):
+        for quantity in AIR.values():
+            quantity.check(self)
+
+
+DEFAULT_WEATHER = Weather()
+
+
+@lru_cache(maxsize=256)
+def _constants(pressure, temperature, humidity, wavelength):
+    return erfa.ufunc.refco(pressure, temperature, humidity, wavelength)
+
+
+def refracted(astrom, weather):
+    """ERFA's astrom with the refraction; `astrom` itself where its shape is that of the weather."""
+    air = (weather.pressure_hpa, weather.temperature_c, weather.humidity, weather.wavelength_um)
+    if all(isinstance(value, (float, int)) for value in air):
+        refa, refb = _constants(*air)
+    else:
+        refa, refb = erfa.ufunc.refco(*air)
+        if np.ndim(refa) > astrom.ndim:
+            astrom = np.broadcast_to(astrom, np.shape(refa)).copy()
+    astrom['refa'], astrom['refb'] = refa, refb
+    return astrom

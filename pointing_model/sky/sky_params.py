@@ -19,8 +19,7 @@ from msg_tools.units import DEG
 
 from ..mount_kinds import kinds_text
 from ..mounts import parse_mount
-from .air import AIR, DEFAULT_WEATHER, Weather
-from .site import DEFAULT_SITE, SITE, Site
+from .site import AIR, DEFAULT_SITE, DEFAULT_WEATHER, SITE, Site, Weather
 
 KIND_OF_MOUNT = Param(
     'mount', 'altaz', f'kind of mount: {kinds_text()}; where the first axis points [deg]',

@@ -105,7 +105,7 @@ def run(args):
             raise ValueError(f'--{name} is of images: name their folder with --live')
     if args.file is None:
         raise ValueError('give a model or a run; or a folder of images with --live')
-    from calibration.report.terminal_layers import layered
+    from calibration.report.terminal_layout import layered
 
     from .console import files_of, new_console, print_all, write_outputs
     model, notes, equinox = model_of(args)
@@ -138,8 +138,8 @@ def refraction_of(args, latitude):
         return 0.0
     from dataclasses import replace
 
-    from pointing_model.sky.air import DEFAULT_WEATHER
     from pointing_model.sky.satellite import refracted
+    from pointing_model.sky.site import DEFAULT_WEATHER
     given = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
     weather = replace(DEFAULT_WEATHER, **{k: v for k, v in given.items() if v is not None})
     return float(refracted(abs(latitude), weather) - abs(latitude))

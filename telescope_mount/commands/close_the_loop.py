@@ -59,7 +59,7 @@ def add(commands):
 def run(args):
     """Observe or take, diagnose, observe again, print, write."""
     from calibration.report.row_wording import expected_sentence, outlier_sentence, used_sentence
-    from calibration.report.terminal_layers import layered
+    from calibration.report.terminal_layout import layered
 
     from ..loop import ALL, close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables, short_tables

@@ -149,7 +149,7 @@ def info_parts(info, verbose=True, files=0):
     files : int
         Lines that are printed after it.
     """
-    from calibration.report.terminal_layers import LINES, MORE, height_of, layered
+    from calibration.report.terminal_layout import LINES, MORE, height_of, layered
     from calibration.report.terminal_tables import new_table
     *lines, problems = info_lines(info)
     if verbose:

@@ -214,8 +214,7 @@ def place_of(args):
     """
     from dataclasses import replace
 
-    from pointing_model.sky.air import DEFAULT_WEATHER
-    from pointing_model.sky.site import SITE, Site
+    from pointing_model.sky.site import DEFAULT_WEATHER, SITE, Site
     site = {one.field: getattr(args, one.field) * one.size for one in SITE.values()
             if getattr(args, one.field) is not None}
     Site(**site)  # refuses what is out of range

@@ -62,7 +62,7 @@ def run(args):
     from calibration.analysis.satellites.track_summary import track_document
     from calibration.report.fit_wording import origin_sentence
     from calibration.report.satellite_page import render_tracks, tracks_table
-    from calibration.report.terminal_layers import layered
+    from calibration.report.terminal_layout import layered
     from calibration.report.terminal_tables import terms_table
     from calibration.report.wording import worded, wording
     from pointing_model.model import PointingModel

@@ -46,7 +46,7 @@ def run(args):
     from calibration.analysis.season.season_analysis import analyse_season
     from calibration.analysis.season.season_nights import nights_of
     from calibration.report.season_page import render_season
-    from calibration.report.terminal_layers import layered
+    from calibration.report.terminal_layout import layered
     from calibration.report.wording import worded
     from msg_tools.iso_time import iso_seconds
     from pointing_model.runs.columns.run_table import NoObservations

@@ -42,7 +42,7 @@ def run(args):
     if args.model and (args.first or args.terms):
         raise ValueError('--first and --terms are of a model that is fitted: leave out --model')
     from calibration.analysis.tracking.run_track import track_run
-    from calibration.report.terminal_layers import layered
+    from calibration.report.terminal_layout import layered
     from calibration.report.terminal_tables import new_table
     from calibration.report.track_page import render_track, tracking_lines
     from calibration.report.wording import worded

@@ -33,7 +33,7 @@ def add(commands):
 
 def run(args):
     """Read, test, print, write."""
-    from calibration.report.terminal_layers import layered
+    from calibration.report.terminal_layout import layered
     from calibration.report.zero_season_report import season_lines, season_table
     from telescope_mount.zero_file import zero_file_causes
 

@@ -18,13 +18,13 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.rms import rms
-from pointing_model.sky.air import DEFAULT_WEATHER
 from pointing_model.sky.places import observed_place
+from pointing_model.sky.site import DEFAULT_WEATHER
 from pointing_model.sky.star_catalogue import StarTarget, load_catalogue
+from telescope_mount.observing.star_choice import has_neighbour
 
 from ..observing.axis_demand import Pointing
 from ..observing.star_choice import AxisLimits, axes_at
-from ..observing.star_neighbours import has_neighbour
 from .samples import OK, WRONG, Remark, Remarks
 
 #: by how much a camera may be turned and its scale be wrong, rad and 1

@@ -16,6 +16,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +29,6 @@ from .axis_demand import Conditions, Pointing, on_sky, track_to
 from .clock_offset import Drifting, row_of
 from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
-from .night_row import Measured, night_row
 from .reading_pairs import centred, centred_second
 
 #: exposures without a star after which it is given up: one that was under way when the mount was
@@ -375,3 +375,74 @@ class Exposer:
     def now(self):
         """Time of the next command: never before the last reading, whatever /clock lags."""
         return max(self._instruments.stamp, self._out.now())
+
+
+class Measured(NamedTuple):
+    """What was measured in an exposure.
+
+    Attributes
+    ----------
+    stamp : int
+        Of its middle, ns.
+    miss : (float, float)
+        Star - boresight, rad.
+    enc, second : ndarray, shape (2,)
+        What the encoders read with the star centred, rad; NaN of the second where not known.
+    rate : ndarray, shape (2,)
+        Of the axes, rad/s.
+    """
+
+    stamp: int
+    miss: tuple
+    enc: np.ndarray
+    second: np.ndarray
+    rate: np.ndarray
+
+
+def night_row(measured, pointing, conditions, block, blind, instruments, inclinometer, value):
+    """The row of an observation.
+
+    Parameters
+    ----------
+    measured : Measured
+    pointing : Pointing
+    conditions : Conditions
+    block : int
+        Number of the step of the plan.
+    blind : bool
+        With model and zero alone.
+    instruments : Instruments
+    inclinometer : pointing_model.active_calibration.Gauge
+        North and west.
+    value : callable
+        Gives the value of a parameter of the observer.
+
+    Returns
+    -------
+    dict
+        Names to numbers, rad, and ``stamp``.
+    """
+    stamp, miss, enc, second, rate = measured
+    target, (site, air, *_) = pointing.target, conditions
+    power_on, second_on = instruments.power_on, instruments.absolute_power_on
+    az, el = (float(v[0]) for v in pointing.place(np.array([stamp]), site, air))
+    row = {
+        'stamp': stamp, 'time': stamp * 1e-9, 'run': instruments.run,
+        'encoder_start': power_on.started if power_on else np.nan,
+        'absolute_start': second_on.started if second_on else np.nan, 'block': block,
+        'check': float(blind), 'star': target.number, 'az': az, 'el': el,
+        'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
+        'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],
+        'approach_az': pointing.approach[0], 'approach_el': pointing.approach[1],
+        'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
+        'magnitude': target.magnitude,
+    }
+    for name, parameter in (('exposure', 'exposure_s'), ('camera_late', 'camera_late_s')):
+        if value(parameter):  # as before where neither is used
+            row[name] = value(parameter)
+    if value('inclinometer'):
+        row['lean_north'], row['lean_west'] = inclinometer.before(stamp, (np.nan, np.nan))
+    if ABSOLUTE not in instruments.names:  # no column: not one that gave no angle
+        for name in ('absolute_start', 'az_abs', 'el_abs'):
+            del row[name]
+    return row

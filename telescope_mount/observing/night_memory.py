@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The rows of the night in memory, one an observation; what is in one: `night_row`."""
+"""The rows of the night in memory, one an observation; what is in one: `exposure`."""
 
 from array import array
 from itertools import zip_longest

@@ -21,7 +21,7 @@ from collections import deque
 import numpy as np
 
 from msg_tools.units import wrap
-from pointing_model.reading_interpolation import interpolate
+from pointing_model.encoder_difference import interpolate
 
 from .axis_demand import on_sky
 

@@ -19,15 +19,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import DEG
+from msg_tools.units import ARCSEC, DEG
 from pointing_model import harmonics
 from pointing_model.mounts import ALTAZ, through_pole
-from pointing_model.sky.air import DEFAULT_WEATHER
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
 
-from .star_neighbours import has_neighbour
 from .star_order import observing_order
+
+NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
+NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb
 
 
 class AxisLimits(NamedTuple):
@@ -143,7 +144,7 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     -----
     The sky between the limits is divided into `n` cells of equal area. In each cell that star is
     taken that adds most to the determinant of the normal equations of paper 000's 13 harmonics.
-    A star with a neighbour (`star_neighbours`) is not taken.
+    A star with a neighbour (`has_neighbour`) is not taken.
     The order is that of `observing_order`.
     """
     if not (0 <= min_el < max_el <= np.pi / 2.0):
@@ -339,3 +340,34 @@ def bright_stars(stars, mag_limit):
     lonely = ~has_neighbour(stars, rows)
     rows.flags.writeable = lonely.flags.writeable = False
     return rows, stars.select(rows), lonely
+
+
+def has_neighbour(stars, rows):
+    """Which stars have another one beside them that a camera could take for them.
+
+    Parameters
+    ----------
+    stars : Stars
+        Neighbours are looked for among all of these.
+    rows : ndarray of int, shape (n,)
+        The stars in question.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    deep = np.flatnonzero(stars.mag < stars.mag[rows].max(initial=-9.0) + NEIGHBOUR_CONTRAST)
+    deep = deep[np.argsort(stars.dec[deep])]
+    place = ALTAZ.direction(stars.ra, stars.dec)
+    out, least = np.zeros(len(rows), bool), np.cos(NEIGHBOUR_DISTANCE)
+    if not len(rows):
+        return out
+    # many of nearly the same declination at once, with all that may be beside them
+    for part in np.array_split(np.argsort(stars.dec[rows]), len(rows) // 64 + 1):
+        row = rows[part]
+        beside = stars.dec[row[[0, -1]]] + [-NEIGHBOUR_DISTANCE, NEIGHBOUR_DISTANCE]
+        other = deep[slice(*np.searchsorted(stars.dec[deep], beside))]
+        near = place[:, row].T @ place[:, other] >= least
+        near &= stars.mag[other] < stars.mag[row, np.newaxis] + NEIGHBOUR_CONTRAST
+        out[part] = np.any(near & (other != row[:, np.newaxis]), axis=1)
+    return out

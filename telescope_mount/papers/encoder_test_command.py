@@ -38,7 +38,7 @@ def add(commands):
 
 def run(args):
     """Turn, read, print."""
-    from calibration.report.terminal_layers import layered
+    from calibration.report.terminal_layout import layered
     from msg_tools.whole_files import write_text
 
     from ..commands.console import (

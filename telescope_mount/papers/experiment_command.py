@@ -53,7 +53,7 @@ def add(commands):
 
 def run(args):
     """Observe, print, write."""
-    from calibration.report.terminal_layers import layered
+    from calibration.report.terminal_layout import layered
     from calibration.report.zero_season_report import season_lines, season_table
     from telescope_mount.papers.table_1 import experiment_tables, short_lines, short_table
 

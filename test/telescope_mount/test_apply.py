@@ -188,9 +188,8 @@ def test_cells_that_a_spreadsheet_would_run_are_made_harmless(ended, model, tmp_
 def test_places_of_the_sky_with_and_without_the_model(ended, tmp_path, kind):
     from msg_tools.iso_time import iso_seconds
     from pointing_model.mounts import ALTAZ
-    from pointing_model.sky.air import Weather
     from pointing_model.sky.places import icrs_to_observed
-    from pointing_model.sky.site import Site
+    from pointing_model.sky.site import Site, Weather
     mount = ALTAZ if kind == 'altaz' else Mount.equatorial(34.3 * DEG, 'german')
     made = PointingModel({mount.names.index[0]: 412.0 * ARCSEC, mount.names.named('CA'): 1e-4},
                          mount=mount)

@@ -21,7 +21,7 @@ import pytest
 from kepler_orbit import sp3
 from places import ROOT
 
-from calibration.report.terminal_layers import COLUMNS, LINES
+from calibration.report.terminal_layout import COLUMNS, LINES
 from telescope_mount.commands.console import new_console, print_calibration
 
 TUTORIAL = ROOT / 'examples' / 'tutorial'

@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.estimation.chance import FLIPS, Chance
+from calibration.estimation.folds import FOLDS, partitions_of
 
 from ..finding import Finding
 from .alternatives import alternatives, repeated_choice
@@ -36,7 +37,6 @@ from .input_check import check_columns
 from .next_observations import propose
 from .observations import mount_of, observations
 from .page_figures import add_page_figures
-from .partitions import FOLDS, partitions_of
 from .period_scans import period_findings, settle_periods
 from .prediction import better_prediction
 from .residual_correlation import correlation_entry, residual_correlation
@@ -47,8 +47,7 @@ from .residual_patterns import (
     patterns_first,
     visit_findings,
 )
-from .row_counts import count_rows
-from .row_facts import repeats, worst_rows
+from .row_counts import count_rows, repeats, worst_rows
 from .run_problem import RunProblem
 from .scatter import unequal_axes, unequal_scatter
 from .session_starts import split_runs

@@ -19,7 +19,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.estimation.linearisation import Linearisation
+from calibration.estimation.estimate import Linearisation
 from calibration.rows import OUTLIER
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
@@ -91,7 +91,7 @@ class Diagnosis:
     counts : dict
         Of `RowCounts`.
     worst_rows, unequal_scatter, unequal_axes : dict or None
-        See `row_facts`, `scatter`.
+        See `row_counts`, `scatter`.
     linear : tuple of Linearisation
         The fits without and with the effects; names are (term, None) or (effect, coefficient).
         Empty where the run is large.

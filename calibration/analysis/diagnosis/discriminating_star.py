@@ -26,8 +26,14 @@ from msg_tools.units import DEG
 
 from ..finding import Finding
 from .next_observations import MIN_GAP, views_of
-from .night_hours import dark_hours, next_night
-from .observation_places import SHORT, observation_context, place_of, places_under
+from .observation_places import (
+    SHORT,
+    dark_hours,
+    next_night,
+    observation_context,
+    place_of,
+    places_under,
+)
 
 #: 2 ln(likelihood ratio) from which a member is out: of two 1 in 100 is wrong (Wald 1945)
 SEPARATE = 9.2

@@ -18,14 +18,12 @@ import numpy as np
 from scipy.special import fdtri
 
 from calibration.estimation.candidates import CandidateBank
-from calibration.estimation.folds import cross_validate
+from calibration.estimation.folds import FOLDS, cross_validate, partitions_of
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
 
-from .base_terms import Base
-from .exact_rotations import rotation_start
+from .base_terms import Base, rotation_start
 from .observations import observations
-from .partitions import FOLDS, partitions_of
 
 #: the chance with which the interval holds the RMS of many fresh stars of the same night
 CONFIDENCE = 0.9

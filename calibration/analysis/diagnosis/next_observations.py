@@ -33,8 +33,15 @@ from calibration.estimation.group_columns import GroupColumns
 from msg_tools.units import DEG
 from pointing_model.context import Context
 
-from .night_hours import dark_hours, next_night, utc_of
-from .observation_places import SHORT, observation_context, place_of, places_under
+from .observation_places import (
+    SHORT,
+    dark_hours,
+    next_night,
+    observation_context,
+    place_of,
+    places_under,
+    utc_of,
+)
 
 _COUNT = 6  # for each ambiguous effect
 _MOST_EQUALS = 4

@@ -15,13 +15,20 @@
 
 """Places on the sky where a mount may observe, with all that effects ask of such an observation."""
 
+from datetime import datetime, timezone
+
 import numpy as np
 
 from msg_tools.units import DEG, covered, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
+from pointing_model.sky.places import sun_place
+from pointing_model.sky.site import Site
 from pointing_model.sky.skyline import Horizon
 
+#: elevation of the Sun below which stars are observed: the end of civil twilight, rad
+DARK = -6.0 * DEG
+_ROWS, _STEP, _LONGEST = 9, 0.25, 48.0  # rows looked at; h
 #: the first axis of a mount that is no alt-azimuth one is asked to go so much farther than it has
 BEYOND = 5.0 * DEG
 CLEAR = 3.0 * DEG  # a star is near the place, not at it
@@ -160,3 +167,66 @@ def _side(context, j):
     return {**{f'{name}_deg': round(float(angle / DEG), 6)
                for name, angle in zip(mount.names.columns, angles)},
             'through_pole': bool(is_beyond(context.el[j]))}
+
+
+def dark_hours(context, hours):
+    """Those of some hours after the last row at which it is dark.
+
+    Parameters
+    ----------
+    context : Context
+        Of the rows.
+    hours : sequence of float
+
+    Returns
+    -------
+    list of float
+        All of `hours` where site or time are not known, or most of the rows are of the day.
+    """
+    sun = _sun(context)
+    return list(hours) if sun is None else [h for h in hours if sun(h) < DARK]
+
+
+def next_night(context, hours):
+    """The same hours counted from the next dusk, after the last row.
+
+    Where the Sun does not go so low within two days, it is where it is lowest.
+    """
+    sun = _sun(context)
+    if sun is None:
+        return list(hours)
+    grid = np.arange(_STEP, _LONGEST, _STEP)
+    up = np.array([sun(h) for h in grid])
+    if up.min() >= DARK:
+        return [float(grid[up.argmin()])]
+    day = int(np.argmax(up >= DARK))  # it is still night before
+    dusk = float(grid[day + int(np.argmax(up[day:] < DARK))])
+    return [dusk, *(dusk + h for h in hours if sun(dusk + h) < DARK)]
+
+
+def utc_of(context, hours):
+    """UTC of hours after the last row, as ``2026-01-15 21:26``; None where it is not known."""
+    if _site(context) is None:
+        return None
+    last = float(np.nanmax(context.get('time')))
+    return datetime.fromtimestamp(last + 3600.0 * hours, timezone.utc).strftime('%Y-%m-%d %H:%M')
+
+
+def _sun(context):
+    """Elevation of the Sun by hours after the last row, rad; None where that is no matter."""
+    site = _site(context)
+    if site is None:
+        return None
+    time = np.sort(context.get('time'))
+    time = time[np.isfinite(time)]
+    seen = time[np.linspace(0, len(time) - 1, _ROWS).astype(int)]
+    if np.median([sun_place(float(t), site)[1] for t in seen]) > 0.0:
+        return None
+    return lambda hours: sun_place(float(time[-1]) + 3600.0 * hours, site)[1]
+
+
+def _site(context):
+    if (context.get('time') is None or not context.time_is_utc
+            or context.latitude is None or context.longitude is None):
+        return None
+    return Site(context.latitude, context.longitude, 0.0)

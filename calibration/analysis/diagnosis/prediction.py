@@ -48,8 +48,7 @@ from pointing_model.mounts import rows_by_side
 from pointing_model.rms import Rms, rms_arcsec
 
 from ..finding import Finding
-from .base_terms import Base
-from .exact_rotations import rotation_start
+from .base_terms import Base, rotation_start
 from .observations import mount_of, observations
 from .run_problem import effect_bank
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How many of the rows that were read a diagnosis rests on, and what the others did."""
+"""Rows of a diagnosis: how many it rests on, what others did, which are worst or stand twice."""
 
 from dataclasses import dataclass, replace
 from pathlib import PurePath
@@ -32,6 +32,7 @@ _TAKEN_BACK = ('commented out', 'rejected by', LOG_OF_AIR)
 #: of the entries ``before`` and ``after`` of a result
 RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
             'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')
+_PLACES_NAMED = 4  # places that stand twice, that are named
 
 
 @dataclass
@@ -213,3 +214,55 @@ def count_rows(result):
             detectable=None, expected=None, no_star=[])
         counts = diagnosis_row_counts(result)
     return replace(result, counts=counts.to_dict())
+
+
+def worst_rows(diagnosis):
+    """The worst of the rows that count, before and after.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    dict or None
+        ``before`` and ``after``: each with ``row``, ``source`` (of several files), ``az_deg``,
+        ``el_deg`` (of the axes of the mount), ``before_arcsec`` and ``after_arcsec``. None
+        without an effect.
+    """
+    used = np.flatnonzero(diagnosis.weights > 0.0)
+    if not diagnosis.effects or not len(used):
+        return None
+    obs = diagnosis.observations
+    sizes = {when: np.hypot(*getattr(diagnosis, f'residual_{when}')) / ARCSEC
+             for when in ('before', 'after')}
+    several = len(set(obs.sources)) > 1
+    az, el = np.degrees(obs.run['az']), np.degrees(obs.run['el'])
+    if obs.run.mount.vertical:
+        az = np.mod(az, 360.0)
+    return {when: {'row': int(obs.lines[i]), 'az_deg': float(az[i]), 'el_deg': float(el[i]),
+                   **({'source': PurePath(str(obs.sources[i])).name} if several else {}),
+                   **{f'{key}_arcsec': float(one[i]) for key, one in sizes.items()}}
+            for when, size in sizes.items() for i in [used[np.argmax(size[used])]]}
+
+
+def repeats(rows):
+    """A Finding on rows that are of one place, and how much they differ; none where many are.
+
+    Parameters
+    ----------
+    rows : ResidualRows
+
+    Returns
+    -------
+    list of Finding
+    """
+    group, left = rows.sequence.group, rows.residual
+    pairs = [np.flatnonzero(group == g) for g, count in zip(*np.unique(
+        group, return_counts=True)) if count > 1]
+    if not 0 < len(pairs) <= _PLACES_NAMED:
+        return []
+    off = np.hstack([left[:, pair[1:]] - left[:, pair[:-1]] for pair in pairs])
+    return [Finding('star measured again', float(np.hypot(*(rms(one) for one in off))) / ARCSEC,
+                    evidence={'word': rows.word,
+                              'rows': [[rows.lines[i] for i in pair] for pair in pairs]})]

@@ -28,8 +28,8 @@ from pointing_model.effects.drifts import places_of_steps
 from pointing_model.fitted_effects import FittedEffect
 
 from ..finding import Finding
+from .base_terms import rotation_start
 from .decoder_slips import decode_slips
-from .exact_rotations import rotation_start
 from .period_scans import period_bank
 from .row_counts import row_word
 

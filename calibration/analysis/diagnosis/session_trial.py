@@ -23,7 +23,7 @@ from calibration.estimation.correlated_noise import EIGEN, WhiteNoise
 from calibration.estimation.group_columns import inverse_root
 from calibration.estimation.linear_model import DISTINCT, LIVE, weighted_fit
 
-from .exact_rotations import rotation_start
+from .base_terms import rotation_start
 
 #: what is tried beside the zeros, together: where the camera sits, how the axis leans, how the
 #: tube and the axes stand

@@ -28,8 +28,11 @@ import numpy as np
 
 from calibration.estimation.chance import NESTED_FLIPS, Chance
 from calibration.estimation.folds import (
+    FEW_FOLDS,
+    RUNS,
     cross_validate,
     effective_runs,
+    partitions_of,
     predicted,
 )
 from calibration.estimation.select import choose
@@ -41,7 +44,6 @@ from pointing_model.mounts import ALTAZ
 from ..finding import Finding
 from .alternatives import cause_counts, run_counts
 from .expected_error import ahead, expected_error
-from .partitions import FEW_FOLDS, RUNS, partitions_of
 
 #: partitions into folds over which the figure of rows left out at random is a mean: at least and at
 #: most; from `MANY` rows on, where a row more or less in a fold changes little, one at least

@@ -337,7 +337,7 @@ def _keep_written(path, table, pairs, side, mount):
 
 def _air(columns, rows, site, weather, meta):
     """Weather of each row: its own columns, else what was given, else a standard atmosphere."""
-    from pointing_model.sky.air import Weather
+    from pointing_model.sky.site import Weather
     given = meta.get('weather')
     if weather is None and given:
         weather = Weather(**{'pressure_hpa': standard_pressure(site.height), **given})

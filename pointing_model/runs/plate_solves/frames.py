@@ -20,10 +20,9 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
-from pointing_model.sky.air import Weather
 from pointing_model.sky.earth import terrestrial
 from pointing_model.sky.places import icrs_to_observed
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import Site, Weather
 
 #: what a frame may be called, for messages
 KNOWN = 'ICRS, J2000, J<year> (mean of that equinox), mean of date, of date (apparent), B1950'

@@ -41,8 +41,7 @@ from calibration.report.figure_wording import best_pair
 from calibration.report.observation_section import next_observations
 from calibration.report.observation_wording import proposal_groups
 from calibration.report.page_html import drawn
-from calibration.report.residuals import Residuals
-from calibration.report.sky_grid import grid_of
+from calibration.report.residuals import Residuals, grid_of
 from calibration.report.verdict_wording import Statement, verdict_sentences
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-from calibration.report.terminal_layers import LINES, height_of, layered
+from calibration.report.terminal_layout import LINES, height_of, layered
 from calibration.report.terminal_tables import new_table, terms_table
 
 LONG = 'a note of some words ' * 8  # three lines

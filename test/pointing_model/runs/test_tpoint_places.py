@@ -25,9 +25,8 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.run_reader import read_run
-from pointing_model.sky.air import Weather
 from pointing_model.sky.places import icrs_to_observed, sidereal_time
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import Site, Weather
 
 DAY = 1772496000.0  # 2026-03-03
 

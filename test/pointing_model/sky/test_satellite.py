@@ -22,7 +22,6 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky.air import Weather
 from pointing_model.sky.earth import TURN_RATE, EarthOrientation, earth_orientation, split_utc
 from pointing_model.sky.elements import GPS_26690, parse_elements
 from pointing_model.sky.places import icrs_to_observed, observed_place, sun_place
@@ -32,7 +31,7 @@ from pointing_model.sky.satellite import (
     refracted,
     satellite_place,
 )
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import Site, Weather
 from pointing_model.sky.star_catalogue import load_catalogue
 
 GPS = parse_elements(GPS_26690)

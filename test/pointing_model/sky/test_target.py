@@ -15,10 +15,9 @@
 import numpy as np
 import pytest
 
-from pointing_model.sky.air import DEFAULT_WEATHER
 from pointing_model.sky.elements import GPS_26690
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.sky.star_catalogue import (
     POLARIS_HIP,
     StarTarget,

@@ -19,8 +19,7 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import parse_mount
-from pointing_model.sky.air import DEFAULT_WEATHER
-from pointing_model.sky.site import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
 from telescope_mount.drivers.nudge import BRIGHT, HIGH, LOW, bright_star, place_of
 from telescope_mount.observing.star_choice import ANYWHERE, axes_at
 

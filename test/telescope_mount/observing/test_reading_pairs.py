@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.reading_interpolation import interpolate
+from pointing_model.encoder_difference import interpolate
 from telescope_mount.observing.axis_demand import Track
 from telescope_mount.observing.reading_pairs import Exposures, Readings, centred
 

@@ -20,8 +20,7 @@ import pytest
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import Stars, load_catalogue
-from telescope_mount.observing.star_choice import bright_stars, choose_stars
-from telescope_mount.observing.star_neighbours import has_neighbour
+from telescope_mount.observing.star_choice import bright_stars, choose_stars, has_neighbour
 from telescope_mount.observing.star_order import observing_order
 
 TIME = 1.78e9

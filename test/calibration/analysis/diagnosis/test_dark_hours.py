@@ -21,7 +21,7 @@ import pytest
 
 from calibration.analysis.diagnosis.discriminating_star import Points
 from calibration.analysis.diagnosis.next_observations import _grid, _matters
-from calibration.analysis.diagnosis.night_hours import DARK, dark_hours, next_night, utc_of
+from calibration.analysis.diagnosis.observation_places import DARK, dark_hours, next_night, utc_of
 from calibration.report.observation_wording import place_words
 from msg_tools.units import DEG
 from pointing_model.context import Context

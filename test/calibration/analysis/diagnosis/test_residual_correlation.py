@@ -30,7 +30,7 @@ from calibration.analysis.diagnosis.residual_correlation import (
     trend,
 )
 from calibration.analysis.diagnosis.residual_patterns import ResidualRows
-from calibration.analysis.diagnosis.row_facts import repeats
+from calibration.analysis.diagnosis.row_counts import repeats
 from calibration.analysis.term_fit import fit_terms
 from calibration.estimation.correlated_noise import (
     AxisNoise,

@@ -21,7 +21,7 @@ import pytest
 
 from calibration.analysis.diagnosis.scatter import unequal_axes, unequal_scatter
 from calibration.estimation.robust import scale_law, scale_ratio
-from calibration.report.scatter_wording import axes_sentence, is_headline, scatter_sentence
+from calibration.report.noise_wording import axes_sentence, is_headline, scatter_sentence
 from calibration.report.verdict_wording import verdict_sentences
 from msg_tools.units import ARCSEC
 

@@ -28,9 +28,9 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount, through_pole
 from pointing_model.runs.satellite_tracks import satellite_tracks, star_rates
-from pointing_model.sky.air import DEFAULT_WEATHER
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.site import DEFAULT_WEATHER
 from pointing_model.sky.star_catalogue import load_catalogue
 
 FOUR = {'A01': 2, 'B02': 2, 'C03': 2, 'D04': 2}
