@@ -14,8 +14,7 @@
 
 """Parameters of the logger."""
 
-from msg_tools.bag.mcap_records import COMPRESSORS, DEFAULT_COMPRESSION
-
+from .bag.compression import COMPRESSORS, DEFAULT_COMPRESSION
 from .bag.topic_selection import check_patterns
 from .params import Param
 

@@ -25,7 +25,7 @@ from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
-from .mcap_records import COMPRESSORS, DEFAULT_COMPRESSION
+from .compression import COMPRESSORS, DEFAULT_COMPRESSION
 
 MAGIC = b'\x89MCAP0\r\n'
 NEVER = 2**63 - 1  # what rosbag2 writes as the starting time of an empty bag
@@ -52,7 +52,7 @@ class McapFile:
     chunk_size : int
         Bytes (before compression) after which a chunk is closed.
     compression : str
-        Of `mcap_records.COMPRESSORS`.
+        Of `compression.COMPRESSORS`.
 
     Attributes
     ----------

@@ -24,13 +24,11 @@ from mcap import records
 from mcap.opcode import Opcode
 
 from .chunks import MAGIC
+from .compression import MAX_CHUNK, by_checksum, decompress
 from .losses import Lost
 from .mcap_records import (
-    MAX_CHUNK,
     PARSE_ERRORS,
-    by_checksum,
     chunk_index,
-    decompress,
     parse,
     read_at,
     short,

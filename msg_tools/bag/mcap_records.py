@@ -14,26 +14,12 @@
 
 """Records of MCAP: found, parsed, unpacked, whatever a damaged or hostile file says."""
 
-import re
 import struct
-import zlib
 from io import BytesIO
 
-import lz4.frame
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
-#: by the name that a parameter gives; 'none' is '' in the file
-COMPRESSORS = {'zstd': zstandard.ZstdCompressor(level=1).compress, 'lz4': lz4.frame.compress,
-               'none': bytes}
-DEFAULT_COMPRESSION = 'zstd'
-#: a chunk that claims more than this is not believed (the usual size is 1 MiB)
-MAX_CHUNK = 128 * 2**20
-#: a chunk record whose compression is named, or whose two sizes agree; the length is below 2**40
-CHUNK_HEAD = re.compile(
-    rb'\x06.{5}\0\0\0(?=.{16}(.{5}\0\0\0).{4}'
-    rb'(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0\1))', re.DOTALL)
 PARSE_ERRORS = (
     struct.error, McapError, ValueError, KeyError, IndexError, EOFError, MemoryError,
     OverflowError,
@@ -102,48 +88,3 @@ def chunk_index(body):
     (name,) = struct.unpack_from('<I', body, 44 + n)
     _, size = struct.unpack_from('<QQ', body, 48 + n + name)
     return start, end, offset, length, channels, size
-
-
-def decompress(data, compression, size):
-    """At most `size` bytes of `data`; fewer where it was cut."""
-    if size > MAX_CHUNK:
-        raise ValueError(f'a chunk claims {size} bytes, more than {MAX_CHUNK}')
-    if compression == '':
-        return bytes(data[:size])
-    try:
-        if compression == 'zstd':
-            decompressor = zstandard.ZstdDecompressor(max_window_size=2**27)
-            with decompressor.stream_reader(data) as stream:
-                return stream.read(size)
-        if compression == 'lz4':
-            return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
-    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
-        raise ValueError(f'{compression} data damaged: {error}') from None
-    raise ValueError(f'chunk compression {compression!r} is unknown')
-
-
-def by_checksum(body, most):
-    """The records in a chunk whose head is damaged, where its checksum is right; else None.
-
-    Parameters
-    ----------
-    body : bytes
-        Of the chunk record, as long as it is.
-    most : int
-        Bytes that it may hold.
-
-    Returns
-    -------
-    bytes or None
-    """
-    (crc,) = struct.unpack_from('<I', body, 24)
-    for name in ('zstd', 'lz4', '') if crc else ():
-        data = body[40 + len(name):]
-        try:
-            size = zstandard.frame_content_size(data) if name == 'zstd' else most
-            buffer = decompress(data, name, min(size, most) if size > 0 else most)
-        except (ValueError, MemoryError, zstandard.ZstdError):
-            continue
-        if zlib.crc32(buffer) == crc:
-            return buffer
-    return None

@@ -29,9 +29,10 @@ from contextlib import ExitStack
 
 from mcap.opcode import Opcode
 
+from .compression import MAX_CHUNK
 from .file import MIN_RECORDS, BagFile, attachment_data
 from .log import BagMessage, LogTopic, Reader
-from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short, walk
+from .mcap_records import PARSE_ERRORS, short, walk
 from .metadata import Listed
 
 #: bytes of chunks that overlap in time and are held at once

@@ -22,10 +22,9 @@ from contextlib import suppress
 from mcap.opcode import Opcode
 
 from .chunks import NEVER
+from .compression import CHUNK_HEAD, MAX_CHUNK
 from .losses import Lost
 from .mcap_records import (
-    CHUNK_HEAD,
-    MAX_CHUNK,
     PARSE_ERRORS,
     index_record,
     read_at,

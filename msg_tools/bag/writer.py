@@ -27,7 +27,7 @@ from pathlib import Path
 
 from .. import version_of
 from .chunks import NEVER, McapFile
-from .mcap_records import COMPRESSORS, DEFAULT_COMPRESSION
+from .compression import COMPRESSORS, DEFAULT_COMPRESSION
 from .metadata import information, sync_folder, write_metadata
 from .ros_schema import dump_yaml, message_definition, qos_dict, split_type, type_hash
 
@@ -72,7 +72,7 @@ class BagWriter:
     chunk_seconds : float
         Age at which the next message closes a chunk; between messages `refresh` must do it.
     compression : str
-        Of `mcap_records.COMPRESSORS`.
+        Of `compression.COMPRESSORS`.
     max_bytes : int
         A file that would grow beyond it (its index not counted) is followed by another; 0: never.
     max_seconds : float

@@ -30,7 +30,7 @@ from places import ROOT
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.bag import file as bag_file
 from msg_tools.bag import reader as bag_reader
-from msg_tools.bag.mcap_records import decompress
+from msg_tools.bag.compression import decompress
 from msg_tools.bag.metadata import listed_files
 from msg_tools.bag.ros_schema import load_qos
 
