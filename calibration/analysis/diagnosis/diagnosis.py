@@ -93,7 +93,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         by the data, see `sessions.arrange`. 0: runs are taken as they are.
     partitions : int, optional
         Ways to divide the rows in the cross-validation; by default as many as it takes to know
-        its figure to 1 %.
+        its figure to 3 %.
     progress : callable, optional
         Is told what is being done, and of the cross-validation how many folds of how many (str,
         int, int; None where there is nothing to count).
