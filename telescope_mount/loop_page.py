@@ -78,10 +78,10 @@ def write_loop_page(folder, report, run):
         page.Paragraph(f'{what} · verdict {report["verdict"]} · mount {run.mount.kind} · '
                        f'{len(run)} observations', 'meta'),
         page.Controls(),
-        page.Verdict(headline, [
+        page.VerdictSection(headline, [
             page.Cards([(before, f'before: {label}'), (after, f'after: {label}'),
                         (report['noise_floor_arcsec'], 'noise floor')]),
-            hits and [page.Paragraph(_BLIND, 'note'), hits], page.Listed(alarms)],
+            hits and [page.Paragraph(_BLIND, 'note'), hits], page.SentenceList(alarms)],
             report['verdict'].replace('_', ' '),
             'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else ''),
         errors_section(lines, None if lines else page.Paragraph(
@@ -89,12 +89,12 @@ def write_loop_page(folder, report, run):
         page.FoldedSection('Effects added', page.Table(
             ('effect', 'coefficient', 'arcsec', 'σ', 'p', 'ΔBIC'),
             list(effect_rows(report['effects'])), 'numbers')),
-        page.FoldedSection('Summary', page.Listed(
+        page.FoldedSection('Summary', page.SentenceList(
             loop_sentences({**report, 'notes': [], 'alarms': []}))),
-        page.FoldedSection('RMS', page.Bars(
+        page.FoldedSection('RMS', page.BarChart(
             _bars(report), report['noise_floor_arcsec'], 'noise floor')),
         page.FoldedSection('Diagnosis', body_of(diagnosis)),
-        page.FoldedSection('Notes', page.Listed(
+        page.FoldedSection('Notes', page.SentenceList(
             [*report['notes'], 'Encoders and instruments: telescope-mount info bag --report '
              'night.html'])),
         provenance_section([
@@ -130,8 +130,8 @@ def _targets(report, run):
     limit = limit_of(*hits)
     first, second = run.mount.names.axes
     axes = (f'{first} × cos {run.mount.names.letters[1]}', second)
-    return page.Pair([target(axes, limit, *hit, f'{when}, seen by the camera', when)
-                      for hit, when in zip(hits, ('before', 'after'))])
+    return page.FigurePair([target(axes, limit, *hit, f'{when}, seen by the camera', when)
+                            for hit, when in zip(hits, ('before', 'after'))])
 
 
 def write_all_page(folder, report):
@@ -164,13 +164,14 @@ def write_all_page(folder, report):
     text = whole('The loop closed: all scenarios', [
         page.Heading('The loop closed'),
         page.Paragraph(f'{total} scenarios, seed {report["seed"]}', 'meta'),
-        page.Verdict(f'In {good} of {total} scenarios what was wrong was found, or rightly nothing',
-                     kind='' if good == total else 'alarm'),
+        page.VerdictSection(
+            f'In {good} of {total} scenarios what was wrong was found, or rightly nothing',
+            kind='' if good == total else 'alarm'),
         page.Section('Each scenario', page.Table(
             ('scenario', 'verdict', 'effects added', 'found', 'before ″', 'after ″', 'floor ″'),
             rows, 'sort'), 'The same fresh stars with the model before and after, radial RMS '
             'on the sky, arcsec.'),
-        page.Section('Before and after', page.Bars(bars)),
+        page.Section('Before and after', page.BarChart(bars)),
         provenance_section([('seed', str(report['seed']))], [folder / 'report.json'])],
         'Pointing models that were mended and tried')
     write_text(folder / 'page.html', text)

@@ -48,11 +48,11 @@ def render(view, files=None):
     title = 'Pointing diagnosis' + f': {view.about}' * bool(view.about)
     return whole(f'{title} ({view.word})', [
         page.Heading(title), page.Paragraph(view.meta, 'meta'), controls(data),
-        page.Verdict(summary.headline, [
+        page.VerdictSection(summary.headline, [
             page.Cards(summary.numbers),
             page.Paragraph(summary.numbers and f'RMS on the sky, {summary.validation}.', 'note'),
             sky_maps(data)], view.badge[1], view.badge[0]),
-        errors_section(summary.effects, page.Listed([*summary.cautions, summary.todo]),
+        errors_section(summary.effects, page.SentenceList([*summary.cautions, summary.todo]),
                        'Largest errors' if summary.effects else 'Cautions'),
         page.Section('Outliers', tables.outliers(document)),
         page.FoldedSection('Evidence', [tables.evidence(view), page.Table(
@@ -71,7 +71,7 @@ def render(view, files=None):
             correlation_table(view.correlated, view.correlations)],
             f'Encoder − catalogue. {_tpoint_signs(kind)}'),
         page.FoldedSection('Stars', stars_table(data)),
-        page.FoldedSection('Notes on the data', page.Listed([*view.page_notes, *view.signs])),
+        page.FoldedSection('Notes on the data', page.SentenceList([*view.page_notes, *view.signs])),
         page.FoldedSection('Excluded rows', tables.exclusions(
             document.get('excluded') or (), document.get('rows_are') or 'row')),
         page.FoldedSection('Not testable', tables.untestable(view.untestable)),

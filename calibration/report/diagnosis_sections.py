@@ -47,8 +47,8 @@ def gain_bars(view):
         rows.insert(at, ('cross-validated in blocks of time', blocks['before'], blocks['after']))
     if not rows:
         return None
-    return page.Bars([(label, [(one, 'before', 'before'), (other, 'after', 'after')])
-                      for label, one, other in rows], document.get('noise_floor_arcsec'),
+    return page.BarChart([(label, [(one, 'before', 'before'), (other, 'after', 'after')])
+                          for label, one, other in rows], document.get('noise_floor_arcsec'),
                      view.floor)
 
 
@@ -139,7 +139,7 @@ def _candidates(rows):
         gain = r['delta_bic']
         part = np.clip(gain / top, 0.0, 1.0) if np.isfinite(gain) and top > 0 else 0.0
         out.append([str(i), readable(r['name']), AXIS_WORDS.get(r.get('axes'), r.get('axes')),
-                    [page.Gauge(part, r['in_set']), page.Number(gain, 1)],
+                    [page.FilledBar(part, r['in_set']), page.Number(gain, 1)],
                     '●' if r['in_set'] else ''])
     return out
 

@@ -39,7 +39,7 @@ def effects_section(view):
 
 def _effect(view, effect):
     figure = effect_figure(view, effect)
-    kind = 'effect one' if figure and not isinstance(figure.drawing, page.Pair) else 'effect'
+    kind = 'effect one' if figure and not isinstance(figure.drawing, page.FigurePair) else 'effect'
     return page.Subsection(effect.name, page.Block([
         page.Block([_causes(effect.causes), page.Definitions(effect.facts)]), figure], kind))
 
@@ -75,7 +75,7 @@ def effect_figure(view, effect):
     if not out:
         return None
     return page.Figure(
-        out[0] if len(out) == 1 else page.Pair(out),
+        out[0] if len(out) == 1 else page.FigurePair(out),
         f'Strokes: the effect, {arcsec(float(rms(*own[:, used])))} RMS; dots: effect plus '
         f'residual{_how_to_read(driver, effect)}.')
 
@@ -115,7 +115,7 @@ def driver_figure(view, driver):
         out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}',
                        'link'))
     missing = int((~np.isfinite(driver.values[used])).sum())
-    return page.Figure(page.Pair(out), f'Unknown in {missing} rows.' if missing else '')
+    return page.Figure(page.FigurePair(out), f'Unknown in {missing} rows.' if missing else '')
 
 
 def _spread(driver):

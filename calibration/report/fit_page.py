@@ -70,12 +70,12 @@ def render_fit(found, document):
                        f'{Path(str(source)).name} · terms {", ".join(result.names)} · mount '
                        f'{run.mount.kind}', 'meta'),
         controls(data),
-        page.Verdict(headline, [
+        page.VerdictSection(headline, [
             page.Cards([(before['rms_arcsec'], 'raw', 'before'),
                         (after['rms_arcsec'], 'fit residuals', 'after'),
                         (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves')]),
             page.Paragraph('RMS on the sky.', 'note'), sky_maps(data),
-            page.Listed([outliers, *map(wording, [
+            page.SentenceList([outliers, *map(wording, [
                 *_patterns(found.findings), *result.findings(run)])])]),
         errors_section(term_lines(document['terms'], run), note='' if last is None else (
             f'The model corrects these; each RMS is of one term alone. What causes the '
@@ -87,7 +87,7 @@ def render_fit(found, document):
         _alignment(document['polar_axis']),
         _compared(document, names),
         page.FoldedSection('Excluded rows', exclusions(document['excluded'], limit=40)),
-        page.FoldedSection('Notes', page.Listed(document['notes'])),
+        page.FoldedSection('Notes', page.SentenceList(document['notes'])),
         provenance_section([
             ('site', site_text(site_degrees(run.meta))), ('mount', run.mount.kind),
             ('encoder', {'enc': 'incremental', 'abs': 'absolute'}.get(encoder, encoder))],
@@ -133,7 +133,7 @@ def _preview(found, data, source):
 def _alignment(found):
     """What to turn, of an equatorial mount."""
     return None if not found else page.Section(
-        'The way back to the bolts', page.Listed(alignment_lines(found)),
+        'The way back to the bolts', page.SentenceList(alignment_lines(found)),
         'From the exact azimuth and altitude of the axis, for a level base; after a turn '
         'measure again. The stars need their refraction, or the altitude is that of another pole.')
 

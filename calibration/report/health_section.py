@@ -49,9 +49,9 @@ def health_section(health, run=None, axes=AXES):
                         'problems': [], 'whole': True}
     return page.FoldedSection(
         'Encoders and instruments', [
-            page.Listed(_sentences(health)), _agreement(run, axes), _streams(health['streams']),
-            _marks(health['marks']), _decoding(health), _nodes(health['nodes']),
-            page.Listed(health['problems'])],
+            page.SentenceList(_sentences(health)), _agreement(run, axes),
+            _streams(health['streams']), _marks(health['marks']),
+            _decoding(health), _nodes(health['nodes']), page.SentenceList(health['problems'])],
         ' '.join([
             'From the log of the night.' if health['whole'] else 'The log is large: rates are '
             'of its index, single messages were not looked at.',
@@ -121,7 +121,7 @@ def _agreement(run, axes):
         what = f'{axis}: incremental − absolute encoder at {int(good.sum())} exposures, about ' \
                f'the middle of each power-on; scatter {number(spread)} arcsec'
         out.append(page.Figure(svg(440, 202, panel.parts, what), f'{what[0].upper()}{what[1:]}.'))
-    return page.Subsection('The two encoders beside each other', out and page.Pair(out))
+    return page.Subsection('The two encoders beside each other', out and page.FigurePair(out))
 
 
 def _streams(rows):
@@ -156,7 +156,7 @@ def _nodes(nodes):
     return page.Folded('What each node said last', page.Table(
         ('node', 'at the end', 'worst', 'in words', 'what it counts'),
         [(node['name'], node['level'], node['worst'], node['message'],
-          page.Listed([f'{key} {value}' for key, value in node['values'].items()])
+          page.SentenceList([f'{key} {value}' for key, value in node['values'].items()])
           if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
          for node in nodes], 'nodes', 'What each node said last'))
 
@@ -174,7 +174,7 @@ def headline_of(report):
     headline : str or None
         None where nothing was fitted.
     bars : list
-        As of `page_parts.Bars`.
+        As of `page_parts.BarChart`.
     numbers : list of (float, str)
     """
     first, zeroed, last = steps_of(report)

@@ -169,12 +169,12 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
         _largest(report, run, files),
         terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
                       'σ from the fit. IA[2]: how far IA of power-on 2 is from that of the first.'),
-        page.FoldedSection('RMS', page.Bars(headline_of(report)[1], *_noise(report))),
+        page.FoldedSection('RMS', page.BarChart(headline_of(report)[1], *_noise(report))),
         *residual_sections(data),
         zeros_section(report, rows, names), health_section(log.get('health'), run, names),
         models_section(report), _tracking(report.get('tracking')),
         _diagnosis(diagnosis),
-        page.FoldedSection('Notes', page.Listed(report.get('notes') or ())),
+        page.FoldedSection('Notes', page.SentenceList(report.get('notes') or ())),
         provenance_section([
             ('observed', f'{begin} to {end} UTC' if begin else ''),
             ('site', site_text(params)), ('mount', report.get('mount') or run.mount.kind),
@@ -224,8 +224,9 @@ def _verdict(report, data):
         headline = 'Nothing was fitted' if size is None else \
             f'Nothing was fitted; {size:.2f}″ RMS, {data.after_text}'
     alarm = 'alarm' if alarms else ''
-    return page.Verdict(headline, [page.Cards(numbers), page.Paragraph('RMS on the sky.', 'note'),
-                                   sky_maps(data), page.Listed(lines)], alarm, alarm)
+    return page.VerdictSection(headline, [
+        page.Cards(numbers), page.Paragraph('RMS on the sky.', 'note'), sky_maps(data),
+        page.SentenceList(lines)], alarm, alarm)
 
 
 def _largest(report, run, files):
@@ -257,7 +258,7 @@ def _tracking(document):
     if not document:
         return None
     return page.FoldedSection('Adaptive model', [
-        page.Listed(tracking_lines(document)),
+        page.SentenceList(tracking_lines(document)),
         innovations_figure(document['innovations'].get('squares') or ())],
         'After the fit each star updated the model. The residuals above are of the last one.')
 

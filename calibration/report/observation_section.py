@@ -80,6 +80,6 @@ def _next_group(head, group, note, kind):
     way = 'side, last motion' if kind.two_sided or any(
         row.get('through_pole') for row in group) else 'last motion'
     return page.Subsection('Separates' if head else 'Proposed', [
-        page.Listed(head), page.Paragraph(note, 'note'),
+        page.SentenceList(head), page.Paragraph(note, 'note'),
         page.Table(['', *(f'{word} [°]' for word in places.values()), *[way] * moved,
                     *['hours from the last row [h], UTC'] * timed, 'expected ΔBIC'], cells)])

@@ -159,7 +159,7 @@ def _(part: page.Numbered):
 
 
 @drawn.register
-def _(part: page.Gauge):
+def _(part: page.FilledBar):
     return (f'<span class="gauge"><i class="{"inset" if part.inset else ""}" '
             f'style="width:{100 * part.part:.0f}%"></i></span>')
 
@@ -180,7 +180,7 @@ def _(part: page.Paragraph):
 
 
 @drawn.register
-def _(part: page.Listed):
+def _(part: page.SentenceList):
     return _tag('ul', ''.join(_tag('li', clean(text)) for text in part.texts if text))
 
 
@@ -231,7 +231,7 @@ def _(part: page.Block):
 
 
 @drawn.register
-def _(part: page.Verdict):
+def _(part: page.VerdictSection):
     badge = f'<span class="badge">{clean(part.badge)}</span>' if part.badge else ''
     return _tag('section', f'{badge}<h2>{clean(part.headline)}</h2>{drawn(part.parts)}',
                 f'verdict {part.kind}'.rstrip())
@@ -260,7 +260,7 @@ def _(part: page.Cards):
 
 
 @drawn.register
-def _(part: page.Bars):
+def _(part: page.BarChart):
     rows = [(label, [bar for bar in bars if bar[0] is not None and np.isfinite(bar[0])])
             for label, bars in part.rows]
     if part.floor is not None and np.isfinite(part.floor) and part.floor > 0.0:

@@ -70,7 +70,7 @@ class Numbered:
 
 
 @dataclass(frozen=True)
-class Gauge:
+class FilledBar:
     """A small bar, filled from 0 to 1; `inset`: of one that stands out."""
 
     part: float
@@ -110,7 +110,7 @@ class Footer:
 
 
 @dataclass(frozen=True)
-class Listed:
+class SentenceList:
     """Sentences as a list; empty ones are left out."""
 
     texts: tuple
@@ -164,14 +164,14 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Pair(Block):
+class FigurePair(Block):
     """Beside each other where the page is wide enough."""
 
     kind: str = 'pair'
 
 
 @dataclass(frozen=True)
-class Verdict:
+class VerdictSection:
     """The first section: what there is to know.
 
     Attributes
@@ -220,7 +220,7 @@ class Cards:
 
 
 @dataclass(frozen=True)
-class Bars:
+class BarChart:
     """Bars of errors, on one scale.
 
     Attributes

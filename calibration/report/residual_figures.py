@@ -109,7 +109,7 @@ def sky_maps(data):
                 margins),
             (what, page.Size(rms_of, when), f' RMS{more}.{longer}'), when))
     some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
-    return [page.Pair(out), page.Paragraph(
+    return [page.FigurePair(out), page.Paragraph(
         f'Encoder − model; zenith at the centre, rim at {lowest:g}°.{some}', 'note')]
 
 
@@ -133,7 +133,7 @@ def targets(data):
                           data.text_of(when) + more, when, noise,
                           lambda panel, x=x, y=y, when=when, linked=not more: _marks(
                               panel, x, y, data, when, linked, (0, 1))))
-    return [page.Pair(out), marks_legend(data)]
+    return [page.FigurePair(out), marks_legend(data)]
 
 
 def target(axes, limit, x, y, what, when, noise=None, draw=None):
@@ -235,7 +235,8 @@ def in_time(data):
         moved = np.flatnonzero(data.groups[order][1:] != data.groups[order][:-1])
         gaps = [0.5 * (x[order[i]] + x[order[i + 1]]) for i in moved] if len(moved) <= 40 else []
     text = f'Dashed: another {data.group_word} begins.' if gaps else ''
-    return page.Pair([_stacked(data, when, x, label, gaps=gaps, texts=text) for when in WHENS])
+    return page.FigurePair([_stacked(data, when, x, label, gaps=gaps, texts=text)
+                            for when in WHENS])
 
 
 def along_axes(data):
@@ -243,8 +244,8 @@ def along_axes(data):
     if not data.known.any():
         return None
     places = data.places or (np.mod(data.az, 2.0 * np.pi), data.el)
-    return page.Pair([_stacked(data, 'after', np.degrees(place), f'{word} [°]',
-                               len(data) <= MAX_LINKED)
+    return page.FigurePair([_stacked(data, 'after', np.degrees(place), f'{word} [°]',
+                                     len(data) <= MAX_LINKED)
                       for place, word in zip(places, data.place_words)])
 
 
@@ -258,11 +259,11 @@ def histograms(data):
         before, after = (data.of(when)[axis][data.used] for when in WHENS)
         limit, small = limit_of(before, after), limit_of(after)
         if magnify:
-            out.append(page.Pair([_histogram(before, before, limit, title, ('before',)),
-                                  _histogram(after, after, small, title, ('after',))]))
+            out.append(page.FigurePair([_histogram(before, before, limit, title, ('before',)),
+                                        _histogram(after, after, small, title, ('after',))]))
         else:
             out.append(_histogram(before, after, limit, title, WHENS))
-    return [out if magnify else page.Pair(out), page.Legend()]
+    return [out if magnify else page.FigurePair(out), page.Legend()]
 
 
 def histogram(before, after, limit):

@@ -91,13 +91,13 @@ def render_tracks(fit, document, diagnosis, files):
     body = [
         page.Heading('Tracks of satellites'),
         page.Paragraph(f'{document["rows"]} rows, {len(document["arcs"])} arcs', 'meta'),
-        page.Verdict(headline, [
+        page.VerdictSection(headline, [
             page.Cards([(f'{document["before"]["radial_arcsec"]:.2f}″', 'raw, radial RMS'),
                         (f'{document["after"]["radial_arcsec"]:.2f}″',
                          'left by terms, clock and orbits'),
                         (None if clock is None else f'{1e3 * clock["late_s"]:+.1f} ± '
                          f'{1e3 * clock["sigma_s"]:.1f} ms', 'clock (positive: stamps are late)')]),
-            first and [marks, first], page.Listed(document['notes'])]),
+            first and [marks, first], page.SentenceList(document['notes'])]),
         errors_section(term_lines(document['terms'], fit.tracks.run)),
         page.Section('Terms', page.Table(('term', 'value ″', '± ″'), [
             (term['name'], page.Number(term['value_arcsec'], 2, True),
@@ -154,9 +154,9 @@ def _curves(fit, document, mount):
                       f'{title}: {mount.axes[i]}') for _, i in _AXES]
         left = [_panel(minutes, [(along[i, rows], 'after')], f'{title}: {word}')
                 for i, word in enumerate(('along the track', 'across'))]
-        out += [page.Pair(raw), page.Pair(left)]
+        out += [page.FigurePair(raw), page.FigurePair(left)]
     if len(arcs) > _MOST:
-        out.append(page.Listed([f'{len(arcs) - _MOST} more arcs are in the table alone']))
+        out.append(page.SentenceList([f'{len(arcs) - _MOST} more arcs are in the table alone']))
     return out
 
 

@@ -59,7 +59,7 @@ def render_season(result, files):
         page.Heading('Season of a mount'),
         page.Paragraph(f'{len(season.nights)} nights from {first} to {last}, terms '
                        f'{", ".join(season.names)}', 'meta'),
-        page.Verdict(f'{headline[:1].upper()}{headline[1:]}', [
+        page.VerdictSection(f'{headline[:1].upper()}{headline[1:]}', [
             page.Cards([(f'{len(season.nights)}', 'nights'),
                         (f'{len(causes)}', f'change{"s" * (len(causes) != 1)}'),
                         (f'{rms:.2f}″', 'RMS of fit residuals, median night')]),
@@ -71,7 +71,8 @@ def render_season(result, files):
             _figure(result, i) for i in others)]),
         page.FoldedSection('Nights', _nights(document),
                            'RMS: fit of that night. Off: the term farthest from its prediction.'),
-        page.FoldedSection('Notes', page.Listed(document['notes'])), provenance_section([], files),
+        page.FoldedSection('Notes', page.SentenceList(document['notes'])),
+        provenance_section([], files),
         page.Footer('Terms in arcsec, ± 1 σ.')]
     return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')
 

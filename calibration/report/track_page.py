@@ -58,7 +58,7 @@ def render_track(tracked, files):
         page.Heading('Adaptive model'),
         page.Paragraph(f'{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on' + (
             f'; fixed model: the {tracked.fitted} stars before' if tracked.fitted else ''), 'meta'),
-        page.Verdict(
+        page.VerdictSection(
             f'Each star predicted: {missed["model of the evening"]:.2f}″ RMS by the fixed '
             f'model, {missed["tracked"]:.2f}″ by the adaptive model', [
                 page.Cards([(f'{missed[name]:.2f}″', text) for name, text in (
@@ -71,8 +71,9 @@ def render_track(tracked, files):
                 _misses(tracked, hours)]),
         _largest(tracked, missed, files),
         page.Section('Events', page.Table(('UTC', 'star', 'what'), events)),
-        page.FoldedSection('Filter', [page.Listed(tracking_lines(summary)), innovations_figure(
-            np.sum((tracked.live / tracked.sigma)**2, axis=1))]),
+        page.FoldedSection('Filter', [
+            page.SentenceList(tracking_lines(summary)),
+            innovations_figure(np.sum((tracked.live / tracked.sigma)**2, axis=1))]),
         page.FoldedSection('Terms, smoothed', [_term(tracked, seen, i)
                                                for i in range(len(tracked.smoothed.names))],
                            'From all stars; ± 2 σ, arcsec.'),
@@ -100,7 +101,7 @@ def _largest(tracked, missed, files):
     advice = (f'The adaptive model is {"better" if better else "not clearly better"} ({size} RMS): '
               f'point with the {"adaptive" if better else "fixed"} model.').replace('-', '−')
     return errors_section(
-        sorted(lines, key=lambda one: -one.reach_arcsec), page.Listed([
+        sorted(lines, key=lambda one: -one.reach_arcsec), page.SentenceList([
             '' if lines else f'No term moved by more than {_CLEAR:g} σ.', advice,
             f'What causes the {adaptive if better else fixed:.2f}″ left: telescope-mount diagnose '
             + ' '.join(Path(path).name for path in files)]), title='Largest drifts')
@@ -133,7 +134,7 @@ def innovations_figure(squares):
 
     Returns
     -------
-    Pair or None
+    FigurePair or None
     """
     from scipy.special import chdtr, chdtri  # a quarter of a second, for tracked nights alone
 
@@ -154,7 +155,7 @@ def innovations_figure(squares):
     mean, beyond = float(np.mean(nis)) / 2.0, float(np.mean(nis > chdtri(2, 0.05)))
     text = (f'{len(nis)} stars: mean {mean:.2f} of the expected, {100 * beyond:.0f} % beyond the '
             '95 % point')
-    return page.Pair([page.Figure(
+    return page.FigurePair([page.Figure(
         svg(450, 240, panel.parts, f'Normalised innovations squared. {text}'),
         f'{text}. Line: chi squared, two degrees of freedom.')])
 

@@ -106,22 +106,22 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
                for key in ('measured', 'in_force')):
         return page.FoldedSection('Zero by power-on', [
             page.Paragraph('No zero was set.'),
-            page.Listed([*alarms, *cross_check.get('notes', ())])])
+            page.SentenceList([*alarms, *cross_check.get('notes', ())])])
     lines = alarms or ['The cross-check of the encoders raises no alarm.']
     statements = [zero['statement'] for zero in (
         report.get('changes') or report.get('zeros') or [])[-1:] if zero.get('statement')]
     marks = page.Legend((('before', 'by the exposures for it, ± 1 σ'),
                          ('after', 'by all rows, active'),
                          ('third', 'incremental − absolute encoder')))
-    drawn = [page.Pair([_against(rows, i, [row['run'] for row in rows], 'power-on', axes)
-                        for i in range(2)])] if len(rows) > 1 else []
+    drawn = [page.FigurePair([_against(rows, i, [row['run'] for row in rows], 'power-on', axes)
+                              for i in range(2)])] if len(rows) > 1 else []
     warm = [row['encoder'] if row['encoder'] is not None else row['air'] for row in rows]
     if len(rows) >= _FEWEST and None not in warm and np.ptp(warm) > _LEAST_SPREAD:
-        drawn.append(page.Pair([_against(rows, i, warm, 'temperature [°C]', axes)
-                                for i in range(2)]))
+        drawn.append(page.FigurePair([_against(rows, i, warm, 'temperature [°C]', axes)
+                                      for i in range(2)]))
     return page.FoldedSection('Zero by power-on', [
-        page.Listed([*lines, *cross_check.get('notes', ())]), drawn and [marks, *drawn],
-        _table(rows, axes), page.Listed(statements)],
+        page.SentenceList([*lines, *cross_check.get('notes', ())]), drawn and [marks, *drawn],
+        _table(rows, axes), page.SentenceList(statements)],
         'Of the incremental encoder, arcsec; drawn against the first power-on.' if drawn else '')
 
 

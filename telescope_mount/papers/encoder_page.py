@@ -65,19 +65,19 @@ def render_encoder_test(report, files=()):
             f'{conditions["bar_pitch_px"]:g} px a bar · noise '
             f'{conditions["noise_grey_levels"]:g} grey levels unless said · a simulated bench',
             'meta'),
-        page.Verdict(headline, [
+        page.VerdictSection(headline, [
             page.Cards([(own, 'template, σ'), (paper, 'method of the paper, σ'),
                         (PRINTED_STD['paper'], 'printed in the paper, σ (its own camera)')]),
             page.Legend(tuple(marks[name] for name in two)),
             _curves('One turn', reading, curves['first_turn'], two)]),
         errors_section(_largest(methods)),
         page.Section('Methods', _methods(report)),
-        page.FoldedSection('Notes', page.Listed(notes(report))),
-        page.FoldedSection('Standard deviations', page.Bars([(name.replace('_', ' '), [
+        page.FoldedSection('Notes', page.SentenceList(notes(report))),
+        page.FoldedSection('Standard deviations', page.BarChart([(name.replace('_', ' '), [
             (row['std_arcsec'], 'after' if name == 'template' else 'before', 'here'),
             (PRINTED_STD.get(name), 'floor', 'printed')]) for name, row in methods.items()])),
         page.FoldedSection('Errors at the 23 angles', [
-            page.Legend(tuple(marks.values())), page.Pair([
+            page.Legend(tuple(marks.values())), page.FigurePair([
             _curves(f'Noise of {loud["noise_grey_levels"]:g} grey levels (fig. 11)', reading,
                     curves['noise_of_the_paper']),
             _curves('Bars displaced at readings 5, 10 and 15 (fig. 12)', reading,

@@ -73,16 +73,17 @@ def render_experiment(report, run=None, files=()):
         page.Paragraph(
             f'{len(table1)} nights · seed {report.get("seed")} · {what} · simulated', 'meta'),
         page.Controls() if data is None else controls(data),
-        page.Verdict(f'Mean of each night’s stars: {radial["after"]:.2f}″ RMS after the zero is '
-                     f'set, {radial["before"]:.2f}″ before', [
-                         page.Cards([(radial['before'], 'before the zero is set'),
-                                     (radial['after'], 'after'), (single, 'after, a single star'),
-                                     (printed, 'after, in the paper (11 nights)')]),
-                         page.Pair([_nights(table1, axis, name, 'after') for axis, name in AXES]),
-                         page.Listed(lines)], kind='alarm' if report['alarms'] else ''),
+        page.VerdictSection(
+            f'Mean of each night’s stars: {radial["after"]:.2f}″ RMS after the zero is set, '
+            f'{radial["before"]:.2f}″ before', [
+                page.Cards([(radial['before'], 'before the zero is set'),
+                            (radial['after'], 'after'), (single, 'after, a single star'),
+                            (printed, 'after, in the paper (11 nights)')]),
+                page.FigurePair([_nights(table1, axis, name, 'after') for axis, name in AXES]),
+                page.SentenceList(lines)], kind='alarm' if report['alarms'] else ''),
         errors_section(_largest(summary)),
         page.Section('Nights', _table(report)),
-        page.FoldedSection('Axes', [page.Bars(bars), page.Pair(
+        page.FoldedSection('Axes', [page.BarChart(bars), page.FigurePair(
             [_nights(table1, axis, name, 'before') for axis, name in AXES])]),
         page.FoldedSection('Over all nights', _statistics(summary, paper['statistics'])),
         *([] if data is None else [page.FoldedSection('Residuals on the sky', sky_maps(data)),
@@ -212,7 +213,7 @@ def _satellite(report):
                                   for one in (ours, ours['paper']) for key in ('mean', 'std')))
             for when in WHENS for axis, name in AXES]
     return page.FoldedSection('A GPS satellite, before and after the zero calibration', [
-        page.Pair(drawn[:2]), page.Pair(drawn[2:]), page.Table(
+        page.FigurePair(drawn[:2]), page.FigurePair(drawn[2:]), page.Table(
             ('arcsec', 'mean', 'std', 'paper: mean', 'paper: std'), rows, 'numbers')])
 
 
@@ -256,5 +257,5 @@ def _zeros(summary):
     predicted = page.Subsection('The last power-on, predicted before Polaris was seen', page.Table(
         ('axis', 'predicted ″', '± ″', 'measured ″', '± ″'), rows, 'numbers'))
     return page.FoldedSection('What the zeros of the power-ons follow', [
-        page.Listed(season_lines(summary)), page.Pair(drawn), predicted],
+        page.SentenceList(season_lines(summary)), page.FigurePair(drawn), predicted],
         'Zero since the first power-on, against what was measured at the mark.')

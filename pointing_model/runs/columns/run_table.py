@@ -60,7 +60,7 @@ class RunFormat(NamedTuple):
     looks_like : callable
         Whether lines are of it.
     read : callable
-        `Table` of path and lines; with `of_encoder` also of which encoder is wanted.
+        `RunTable` of path and lines; with `of_encoder` also of which encoder is wanted.
     taken : str
         What was taken for the catalogue and for the mount, for people.
     rank : int
@@ -76,7 +76,7 @@ class RunFormat(NamedTuple):
 
 
 @dataclass
-class Table(Exclusions):
+class RunTable(Exclusions):
     """A run as it is in the file: every row, in the file's units and azimuth.
 
     Parameters

@@ -28,7 +28,7 @@ from ..columns import hints, run_table, solve_columns
 from ..columns.cells import Cells, delimiter_of, split_row, write_rows
 from ..columns.column_names import CSV_NAMES, HORIZON_NAMES, OTHER_NAMES, near_column
 from ..columns.declarations import declarations
-from ..columns.run_table import RunFormat, Table, content
+from ..columns.run_table import RunFormat, RunTable, content
 from ..columns.text_rows import CLOCK, UNKNOWN, decimal_points, is_number
 
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
@@ -65,7 +65,7 @@ def read(path, lines, encoder=None):
 
     Returns
     -------
-    Table
+    RunTable
 
     Raises
     ------
@@ -90,7 +90,7 @@ def read(path, lines, encoder=None):
     first = content(lines)[0][0]
     commented = [number for number, line in enumerate(lines, 1) if number > first
                  and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
-    return Table(columns, cells.lines, meta, cells.reasons, commented=commented, names=names)
+    return RunTable(columns, cells.lines, meta, cells.reasons, commented=commented, names=names)
 
 
 def _header_names(header):

@@ -24,7 +24,7 @@ from pointing_model.mounts import ALTAZ, Mount, sides
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
 from pointing_model.runs.run import REQUIRED
 
-from ..columns.run_table import Table
+from ..columns.run_table import RunTable
 from ..columns.text_rows import WordRows, is_number, usual_width
 
 #: numbers of catalogue right ascension and declination, those of the telescope, sidereal time
@@ -60,7 +60,7 @@ def read_exported(path, body, meta, options=(), altaz=False):
 
     Returns
     -------
-    Table
+    RunTable
 
     Raises
     ------
@@ -111,8 +111,8 @@ def read_exported(path, body, meta, options=(), altaz=False):
         meta['notes'].append('option NODA changes nothing here: the places have the diurnal '
                              'aberration (0.32 arcsec at most)')
     _auxiliary(rows, after + 8, options, columns, meta)
-    table = Table(columns, rows.lines, meta, rows.reasons,
-                  names=ALTAZ.names if altaz else KINDS['equatorial'])
+    table = RunTable(columns, rows.lines, meta, rows.reasons,
+                     names=ALTAZ.names if altaz else KINDS['equatorial'])
     table.exclude(np.array([line.startswith('#') for _, line in body]),
                   'rejected by the observers (#)')
     return table
@@ -209,7 +209,7 @@ def read_short(path, body, meta):
 
     Returns
     -------
-    Table
+    RunTable
     """
     rows = WordRows(path, body)
     rows.cells = _four_angles(body)
@@ -220,4 +220,4 @@ def read_short(path, body, meta):
         else 'equatorial'
     meta['notes'].append(f'hour angle and declination, in degrees, at latitude '
                          f'{meta["site"]["latitude"] / DEG:.6g}')
-    return Table(columns, rows.lines, meta, rows.reasons, names=KINDS['equatorial'])
+    return RunTable(columns, rows.lines, meta, rows.reasons, names=KINDS['equatorial'])

@@ -23,7 +23,7 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
 
 from ..columns.declarations import declarations
-from ..columns.run_table import NoObservations, RunFormat, Table, content
+from ..columns.run_table import NoObservations, RunFormat, RunTable, content
 from ..columns.text_rows import YEAR_1900, YEAR_2100, WordRows, is_number
 
 _SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
@@ -63,7 +63,7 @@ def read(path, lines):
 
     Returns
     -------
-    Table
+    RunTable
 
     Raises
     ------
@@ -117,9 +117,9 @@ def read(path, lines):
             'el_enc': (values['DEC-MNT'] + 180.0) % 360.0 - 180.0}
         meta |= {'sidereal_clock': True, 'mount_declared': 'german'}
         meta['notes'].append('time: of the sidereal clock')
-    return Table(columns, rows.lines, meta, rows.reasons,
-                 commented=_unsolved(lines, len(names)),
-                 names=ALTAZ.names if altaz else KINDS['equatorial'])
+    return RunTable(columns, rows.lines, meta, rows.reasons,
+                    commented=_unsolved(lines, len(names)),
+                    names=ALTAZ.names if altaz else KINDS['equatorial'])
 
 
 def _unsolved(lines, width):

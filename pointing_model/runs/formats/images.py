@@ -30,7 +30,7 @@ from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.run import COLUMNS, column_name
 
 from ..columns.declarations import declare
-from ..columns.run_table import Table, numbered_runs, own_name
+from ..columns.run_table import RunTable, numbered_runs, own_name
 
 _SAME_SITE = 0.01  # deg: sites of two images
 _TEXT = ('star', 'block', 'run', 'pier_side')
@@ -46,7 +46,7 @@ def read_images(path):
 
     Returns
     -------
-    Table
+    RunTable
         A row an image, in the order of their names; ``meta['row_names']`` has these. Images
         without a solution carry the reason.
 
@@ -88,8 +88,8 @@ def read_images(path):
     if mapping.readings is not None:
         meta['readings_frame'] = mapping.readings
     columns = _columns(rows, mapping, meta)
-    table = Table(columns, np.arange(1, len(files) + 1), meta,
-                  names=mapping.names)
+    table = RunTable(columns, np.arange(1, len(files) + 1), meta,
+                     names=mapping.names)
     for i, reason in enumerate(reasons):
         if reason:
             table.exclude_row(i, reason)
@@ -196,7 +196,7 @@ def _settle_frame(mapping, rows, reasons, meta):
 
 
 def _columns(rows, mapping, meta):
-    """Columns by the names of a `Table`, in the file's units."""
+    """Columns by the names of a `RunTable`, in the file's units."""
     names = list(dict.fromkeys(name for row in rows for name in row if name != 'frame'))
     needed, columns = ('ra_deg', 'dec_deg', *mapping.needed), {}
     known = {**{column_name(name, mapping.names): name for name in COLUMNS},

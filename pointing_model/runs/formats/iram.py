@@ -18,7 +18,7 @@ import re
 
 import numpy as np
 
-from ..columns.run_table import RunFormat, Table, own_name
+from ..columns.run_table import RunFormat, RunTable, own_name
 from ..columns.text_rows import WordRows, is_number
 
 _ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
@@ -50,7 +50,7 @@ def read(path, lines):
 
     Returns
     -------
-    Table
+    RunTable
         Rejected rows and rows without an offset carry their reason.
 
     Raises
@@ -105,7 +105,7 @@ def _table(rows, cells):
     notes += renamed
     if text:
         notes.append(f'columns left out, they are not numeric: {", ".join(text)}')
-    return Table(columns, rows.lines, {'format': 'iram', 'notes': notes}, rows.reasons)
+    return RunTable(columns, rows.lines, {'format': 'iram', 'notes': notes}, rows.reasons)
 
 
 FORMAT = RunFormat('an IRAM log (# id ...)', looks_like, read, (

@@ -16,7 +16,7 @@
 
 import numpy as np
 
-from ..columns.run_table import RunFormat, Table
+from ..columns.run_table import RunFormat, RunTable
 from ..columns.text_rows import is_number
 
 _SIDEREAL_HOUR = 3600.0 / 1.00273790935  # s of UT
@@ -44,7 +44,7 @@ def read(path, lines):
 
     Returns
     -------
-    Table
+    RunTable
         With both encoders and the sidereal time; ``time`` is that clock in seconds of UT, from
         an arbitrary start (``meta['time_is_utc']`` is False).
 
@@ -93,7 +93,7 @@ def read(path, lines):
         meta['notes'].append('time: seconds since the first star, made from the sidereal times')
     else:
         meta['notes'].append('no time: no record has an LST')
-    return Table(columns, np.array(starts) + 1, meta, reasons)
+    return RunTable(columns, np.array(starts) + 1, meta, reasons)
 
 
 def _hours(clock):

@@ -23,7 +23,7 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
-from ..columns.run_table import NoObservations, RunFormat, Table
+from ..columns.run_table import NoObservations, RunFormat, RunTable
 from ..columns.text_rows import TextRows
 
 #: of each point; siderealTime and raJ2000S in hours, the others in degrees
@@ -56,7 +56,7 @@ def read(path, lines):
 
     Returns
     -------
-    Table
+    RunTable
         A row a point, numbered from 1; ``meta['row_names']`` has their images.
 
     Raises
@@ -94,7 +94,7 @@ def read(path, lines):
         columns['scale_arcsec_px'] = values['scaleS']
     if all(isinstance(point.get('mirroredS'), bool) for point in points):
         columns['parity'] = np.array([1.0 if point['mirroredS'] else -1.0 for point in points])
-    table = Table(columns, rows.lines, meta, rows.reasons, names=KINDS['equatorial'])
+    table = RunTable(columns, rows.lines, meta, rows.reasons, names=KINDS['equatorial'])
     for i, point in enumerate(points):
         missing = [name for name in _NUMBERS if not np.isfinite(values[name][i])]
         if point.get('success') is False:

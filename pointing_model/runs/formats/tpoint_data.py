@@ -21,7 +21,7 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.runs.run import REQUIRED
 
-from ..columns.run_table import NoObservations, RunFormat, Table, content
+from ..columns.run_table import NoObservations, RunFormat, RunTable, content
 from ..columns.text_rows import WordRows, is_number, usual_width
 from .equatorial import PLACES, read_exported, read_short
 
@@ -52,7 +52,7 @@ def read(path, lines):
 
     Returns
     -------
-    Table
+    RunTable
         ``meta['told_origin']`` is what a comment says of azimuth 0: 'N', 'S' or None.
 
     Raises
@@ -113,7 +113,7 @@ def read(path, lines):
     columns = {key: rows.floats(name, column)
                for key, name, column in zip([*REQUIRED, *names[4:]], names, zip(*rows.cells))}
     commented = [n for n, words in commented if len(words) == width and n > begin]
-    table = Table(columns, rows.lines, meta, rows.reasons, commented=commented)
+    table = RunTable(columns, rows.lines, meta, rows.reasons, commented=commented)
     table.exclude(np.array([line.startswith('#') for _, line in body]),
                   'rejected by the observers (#)')
     return table

@@ -21,7 +21,7 @@ import numpy as np
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
-from ..columns.run_table import RunFormat, Table, content
+from ..columns.run_table import RunFormat, RunTable, content
 from ..columns.text_rows import WordRows, is_number, usual_width
 
 #: a name holds a time stamp, to the second or finer
@@ -56,7 +56,7 @@ def read(path, lines):
 
     Returns
     -------
-    Table
+    RunTable
 
     Raises
     ------
@@ -85,8 +85,8 @@ def read(path, lines):
         '180 is the side through the pole; the time is from the sidereal time of the mount']}
     if 'equinox' not in value:
         meta['notes'].append('the log has no column of the equinox: solved places taken as J2000')
-    table = Table(columns, rows.lines, meta, rows.reasons,
-                  commented=_commented(lines), names=KINDS['equatorial'])
+    table = RunTable(columns, rows.lines, meta, rows.reasons,
+                     commented=_commented(lines), names=KINDS['equatorial'])
     for name, allowed, words in (('rotation', (0.0, 180.0), '0 or 180'),
                                  ('equinox', (2000.0,), '2000')):
         for i in np.flatnonzero(~np.isin(value.get(name, allowed[0]), allowed)):

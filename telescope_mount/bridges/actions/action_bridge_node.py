@@ -61,7 +61,7 @@ def built_types():
                        'source install/setup.bash') from None
 
 
-class Offer(NamedTuple):
+class ActionOffer(NamedTuple):
     """An action: its type; what it hears and whom it asks; how a goal begins, runs, is cancelled.
 
     `begin` and `run` are callbacks of an action server; `cancels` is the client of a service.
@@ -103,14 +103,14 @@ class ActionBridge(MountNode):
         types = self._actions
         self._servers, self._since = {}, {}
         self._offers = {
-            'observe': Offer(
+            'observe': ActionOffer(
                 types.Observe, observer, self._plan_client, partial(self._begin_plan, 'observe'),
                 partial(self._follow_plan, types.Observe, whole, whole), cancel_plan),
-            'home': Offer(
+            'home': ActionOffer(
                 types.Home, observer, self._plan_client, partial(self._begin_plan, 'home'),
                 partial(self._follow_plan, types.Home, message,
                         lambda plan: message(plan) | {'run': plan.fields['run']}), cancel_plan),
-            'diagnose': Offer(
+            'diagnose': ActionOffer(
                 types.Diagnose, calibration, self._diagnosis_client, self._begin_diagnosis,
                 self._run_diagnosis, cancel_diagnosis)}
         self.every(0.05, self._look)

@@ -21,10 +21,10 @@ from calibration.report.page_html import drawn, whole
 
 
 @pytest.mark.parametrize('part', [
-    None, '', [], page.Section('A', [None, page.Listed(['', ''])], 'a note'),
+    None, '', [], page.Section('A', [None, page.SentenceList(['', ''])], 'a note'),
     page.FoldedSection('B', [page.Table(['x'], []), page.Definitions([])], 'a note'),
     page.Subsection('C', page.Folded('more', [])), page.Paragraph(''), page.Cards([(None, 'c')]),
-    page.Bars([('d', [(None, 'before', '')]), ('e', [(float('nan'), 'after', '')])])])
+    page.BarChart([('d', [(None, 'before', '')]), ('e', [(float('nan'), 'after', '')])])])
 def test_what_has_nothing_in_it_is_left_out_with_its_heading(part):
     assert drawn(part) == ''
 
