@@ -83,7 +83,7 @@ def sky(full):
 
 def _satellite(count):
     from pointing_model.sky.elements import GPS_26690, parse_elements
-    from pointing_model.sky.satellite import satellite_place
+    from pointing_model.sky.satellite_place import satellite_place
     satellite = parse_elements(GPS_26690)
     start = 1.3799e9
     times = np.linspace(start, start + 7200.0, count)

@@ -31,8 +31,8 @@ from calibration.analysis.external_check import PAPER
 from calibration.report.terminal_tables import new_table
 from msg_tools.units import DEG
 from pointing_model.sky.elements import GPS_26690, parse_elements
-from pointing_model.sky.passes import passes
-from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.satellite_passes import passes
+from pointing_model.sky.satellite_place import satellite_place
 
 NOISE = 1.0  # arcsec on each axis, of the curves drawn
 

@@ -33,7 +33,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.pointing_terms import design
 from pointing_model.sky.earth import TURN_RATE
-from pointing_model.sky.satellite import Corrections, refracted, satellite_place
+from pointing_model.sky.satellite_place import Corrections, refracted, satellite_place
 from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
 
 _RATE_STEP = 0.5  # s

@@ -41,7 +41,7 @@ from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import SatelliteTracks, satellite_tracks
 from pointing_model.sky.orbits.orbit_files import Orbits
-from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.satellite_place import satellite_place
 from pointing_model.sky.site import DEFAULT_WEATHER, Site
 
 DATA = Path(__file__).resolve().parent.parent.parent / 'shared' / 'data' / 'orbits'

@@ -238,7 +238,7 @@ TABLES = {
         ('calibration/analysis/satellites', 'calibration/estimation/noise_by_group.py',
          'calibration/estimation/prior_fit.py', 'calibration/estimation/correlated_noise.py',
          'calibration/analysis/term_fit.py', 'pointing_model/runs/satellite_tracks.py',
-         'pointing_model/sky/satellite.py', 'pointing_model/sky/orbits',
+         'pointing_model/sky/satellite_place.py', 'pointing_model/sky/orbits',
          'benchmarks/satellite_tracks.py'), rows=printed_rows),
     'speed': Table('measurements.md', 'benchmarks/all.py --part fit,model,sky,encoder,log '
                    '--json {out}.json',

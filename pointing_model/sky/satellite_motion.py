@@ -24,7 +24,7 @@ from pointing_model.mounts import ALTAZ
 
 from .earth import TURN_RATE
 from .elements import turned
-from .satellite import horizon_axes, satellite_place
+from .satellite_place import horizon_axes, satellite_place
 from .site import DEFAULT_SITE, DEFAULT_WEATHER
 
 #: s, to either side: the third derivative of a low satellite's place makes 0.01" in it

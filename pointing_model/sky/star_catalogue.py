@@ -214,7 +214,7 @@ class SatelliteTarget:
 
     def place(self, time, site, weather):
         """Observed place at each time (n,), UTC s: az, el (n,), radians."""
-        from .satellite import satellite_place
+        from .satellite_place import satellite_place
         return satellite_place(self.orbit, time, site, weather)[:2]
 
 

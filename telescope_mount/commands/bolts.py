@@ -138,7 +138,7 @@ def refraction_of(args, latitude):
         return 0.0
     from dataclasses import replace
 
-    from pointing_model.sky.satellite import refracted
+    from pointing_model.sky.satellite_place import refracted
     from pointing_model.sky.site import DEFAULT_WEATHER
     given = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
     weather = replace(DEFAULT_WEATHER, **{k: v for k, v in given.items() if v is not None})

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pointing_model.mounts import ALTAZ
-from pointing_model.sky.passes import passes
 from pointing_model.sky.places import sun_place
-from pointing_model.sky.satellite import in_sunlight, satellite_place
+from pointing_model.sky.satellite_passes import passes
+from pointing_model.sky.satellite_place import in_sunlight, satellite_place
 from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
 
 from .keyhole import STEP, keyholes

@@ -33,9 +33,9 @@ from calibration.analysis.external_check import PAPER
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.sky.elements import GPS_26690, parse_elements
-from pointing_model.sky.passes import passes
 from pointing_model.sky.places import icrs_to_observed
-from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.satellite_passes import passes
+from pointing_model.sky.satellite_place import satellite_place
 from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER, Site
 
 GPS = parse_elements(GPS_26690)

@@ -22,7 +22,7 @@ from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
 from pointing_model.sky.orbits.ephemeris import Arc, Orbit
-from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.satellite_place import satellite_place
 from pointing_model.sky.site import DEFAULT_WEATHER, Site
 
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)

@@ -24,7 +24,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.elements import GPS_26690, parse_elements
-from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.satellite_place import satellite_place
 from pointing_model.zero import PowerOnZero
 
 GPS = parse_elements(GPS_26690)

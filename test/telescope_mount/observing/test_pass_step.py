@@ -21,7 +21,7 @@ from kepler_orbit import START, sp3
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import parse_mount
-from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.satellite_place import satellite_place
 from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import satellite_target
 from telescope_mount.guard.axis_track import Cubic

@@ -170,7 +170,7 @@ def test_erratum_6_the_satellite_shows_more_than_a_zero():
     from scipy.special import fdtrc
 
     from pointing_model.sky.elements import GPS_26690, parse_elements
-    from pointing_model.sky.satellite import satellite_place
+    from pointing_model.sky.satellite_place import satellite_place
 
     ratio = (PAPER['before']['az_std_arcsec'] / PAPER['after']['az_std_arcsec']) ** 2
     # a constant leaves the scatter; with as few as ten samples 5.6 times less is no chance

@@ -29,7 +29,7 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount, through_pole
 from pointing_model.runs.satellite_tracks import satellite_tracks, star_rates
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.satellite import satellite_place
+from pointing_model.sky.satellite_place import satellite_place
 from pointing_model.sky.site import DEFAULT_WEATHER
 from pointing_model.sky.star_catalogue import load_catalogue
 

@@ -21,7 +21,7 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.orbits.orbit_files import Orbits
-from pointing_model.sky.satellite import Corrections, in_sunlight, satellite_place
+from pointing_model.sky.satellite_place import Corrections, in_sunlight, satellite_place
 from pointing_model.sky.site import Site, Weather
 
 DATA = Path(__file__).resolve().parents[5] / 'shared' / 'data' / 'orbits'

@@ -20,9 +20,9 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.elements import GPS_26690, parse_elements
-from pointing_model.sky.passes import passes
 from pointing_model.sky.places import sun_place
-from pointing_model.sky.satellite import in_sunlight, satellite_place
+from pointing_model.sky.satellite_passes import passes
+from pointing_model.sky.satellite_place import in_sunlight, satellite_place
 
 GPS = parse_elements(GPS_26690)
 START = 1379721600.0  # 2013-09-21

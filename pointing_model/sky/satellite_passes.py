@@ -21,7 +21,7 @@ import numpy as np
 from msg_tools.units import DEG
 
 from .places import sun_place
-from .satellite import in_sunlight, satellite_place
+from .satellite_place import in_sunlight, satellite_place
 from .site import DEFAULT_SITE
 
 

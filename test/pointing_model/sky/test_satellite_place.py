@@ -25,7 +25,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.earth import TURN_RATE, EarthOrientation, earth_orientation, split_utc
 from pointing_model.sky.elements import GPS_26690, parse_elements
 from pointing_model.sky.places import icrs_to_observed, observed_place, sun_place
-from pointing_model.sky.satellite import (
+from pointing_model.sky.satellite_place import (
     Corrections,
     in_sunlight,
     refracted,
