@@ -126,11 +126,10 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         base = Base.parse(base, own_terms or (), mount_of(runs))
         runs, own_terms, hours = arrange(runs, base, own_terms, sessions, encoder)
         base = replace(base, own=own_terms)
-    obs = observations(runs, encoder)
-    base, undetermined = determined_base(obs, base)
-    rng = np.random.default_rng(seed)
+    obs, rng = observations(runs, encoder), np.random.default_rng(seed)
     if len(obs) > most_rows:
         obs = obs.thinned(most_rows, rng)
+    base, undetermined = determined_base(obs, base)
 
     if progress:
         progress('looking for effects', 0, None)
@@ -145,13 +144,13 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     parts = partitions_of(run.problem, folds, rng) if folds else ()
     choice = choose_effects(run, alpha, chance, parts, first_answer)
     problem = run.problem
-    left = residual_correlation(problem, choice, alpha, obs.context)
+    left = residual_correlation(run, choice, alpha)
     errors = cross_validated(
         run, choice.chosen, left is not None and not left.along_the_sky, folds, alpha, chance, rng,
         partitions, progress, repeated_choice(choice), jobs) if folds else None
     if errors and errors.cut is not None:
         keep_repeated(problem, choice, errors.cut, alpha, chance, parts)
-        left = residual_correlation(problem, choice, alpha, obs.context)
+        left = residual_correlation(run, choice, alpha)
     refine_scans(run, choice)
     periods = period_findings(problem, choice, settle_periods(problem, choice))
 
@@ -161,11 +160,11 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     result = build_diagnosis(run, choice, fits, models, effects, chance)
     found = effects[len(run.slips):]
     rows = ResidualRows.from_observations(obs, result.residual_after)
-    result.notes += [*history_findings(run, choice), *repeats(rows), *periods, *again,
-                     *cluster_findings(rows)]
+    gathered = cluster_findings(rows)
+    result.notes += [*history_findings(run, choice), *repeats(rows), *periods, *again, *gathered]
     if left is not None:
-        result.add_correlation(correlation_entry(left, problem, obs.context, choice.chosen,
-                                                 result.residual_after))
+        result.add_correlation(
+            correlation_entry(left, run, choice.chosen, result.residual_after))
     if errors:
         add_errors(result, found, run, choice, errors, rng)
     if result.verdict == 'none':
@@ -177,8 +176,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         entry.contenders = [one.entry for one in some]
     if result.verdict == 'ambiguous' or any(one.entry['open'] for some in others for one in some):
         result.next_observations, result.no_star = propose(
-            problem, obs, base, choice,
-            [[one.group for one in some if one.entry['open']] for some in others])
+            run, choice, [[one.group for one in some if one.entry['open']] for some in others])
     if undetermined is not None:
         result.notes += [one for one in undetermined.findings(obs.run)
                          if one.kind == 'undetermined terms']
@@ -194,7 +192,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     result.notes += [*checked.findings,
                      *(Finding('held out', evidence={'of': one}) for one in held.findings)]
     if result.cv_contiguous:
-        result.notes += better_prediction(obs, base, result.cv_contiguous['after'])
+        result.notes += better_prediction(run, result.cv_contiguous['after'])
     result.notes = patterns_first(result.notes)
     result.unphysical = implausible_terms(result)
     if holdout is not None:

@@ -50,14 +50,12 @@ MIN_GAP = 3.0 * DEG
 _LATER = (0.25, 2.0, 6.0)  # hours
 
 
-def propose(problem, obs, base, choice, alternatives=None):
+def propose(run, choice, alternatives=None):
     """Observations that separate the best effect from the strongest alternative that they can.
 
     Parameters
     ----------
-    problem : SelectionProblem
-    obs : Observations
-    base : Base
+    run : RunProblem
     choice : ModelChoice
     alternatives : list of list of int, optional
         Of each chosen: groups that lost their place to it and leave its cause open all the same.
@@ -76,7 +74,7 @@ def propose(problem, obs, base, choice, alternatives=None):
     none : list of list of str
         An effect and its strongest alternatives, where no observation tells it from any.
     """
-    out, none, grid = [], [], _grid(obs.context)
+    problem, out, none, grid = run.problem, [], [], _grid(run.obs.context)
     for i, (one, significance) in enumerate(zip(choice.chosen, choice.significances)):
         others = [c.effect(problem) for j, c in enumerate(choice.chosen) if j != i]
         bank, group = one.family(problem, choice.chosen)
@@ -92,8 +90,8 @@ def propose(problem, obs, base, choice, alternatives=None):
         for other in near[:_MOST_EQUALS]:
             *pair, shared = _members(problem, one.effect(problem), others, bank.effects[other],
                                      significance.others.get(other))
-            proposals = _separate(problem, obs, base, choice.fit, pair, shared, grid,
-                                  abs(significance.every[group] - significance.every[other]))
+            proposals = _separate(run, choice.fit, pair, shared, grid, abs(
+                significance.every[group] - significance.every[other]))
             last = proposals[-1]
             if last['separation_after'] > last['separation_before'] + _WORTH:
                 out += proposals
@@ -164,10 +162,10 @@ def _grid(known):
     return Grid(context, later, short, tomorrow, utc)
 
 
-def _separate(problem, obs, base, fit, pair, others, grid, before):
+def _separate(run, fit, pair, others, grid, before):
     context, later, short = grid.context, grid.later, grid.short
     m = len(context)
-    views = views_of(problem, obs, base, fit, pair, others, context)
+    views = views_of(run.problem, run.obs, run.base, fit, pair, others, context)
     start = min(v.separation() for v in views)
     proposals, used = [], np.zeros(m, bool)
     for _ in range(_COUNT):

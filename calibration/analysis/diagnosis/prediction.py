@@ -240,13 +240,12 @@ def prediction_problem(obs, base):
     return columns.problem(obs, left), columns, start
 
 
-def better_prediction(obs, base, rms):
+def better_prediction(run, rms):
     """Whether a model to predict does better than a diagnosis, found at the price of one fit.
 
     Parameters
     ----------
-    obs : Observations
-    base : Base
+    run : RunProblem
     rms : float
         Radial, of the diagnosis in stretches of time left out, without outliers, arcsec.
 
@@ -255,6 +254,7 @@ def better_prediction(obs, base, rms):
     list of Finding
         None where it does not, or where runs have terms of their own or rows were drawn.
     """
+    obs, base = run.obs, run.base
     if base.own or base.degree or obs.whole or len(obs) < len(base.terms) + _MORE_ROWS:
         return []
     found = predictor(prediction_problem(obs, base)[0])

@@ -67,7 +67,7 @@ class ResidualCorrelation:
     along_the_sky: dict | None = None
 
 
-def residual_correlation(problem, choice, alpha, context):
+def residual_correlation(run, choice, alpha):
     """Whether the noise remembers, beyond what the choice explains.
 
     Either of two tests is beyond chance at `alpha`: effects that would be added if rows had no
@@ -75,16 +75,15 @@ def residual_correlation(problem, choice, alpha, context):
 
     Parameters
     ----------
-    problem : SelectionProblem
+    run : RunProblem
     choice : ModelChoice
     alpha : float
-    context : Context
-        Of the rows.
 
     Returns
     -------
     ResidualCorrelation or None
     """
+    problem = run.problem
     memory = problem.fit(choice.chosen).memory
     if not memory:
         return None
@@ -94,7 +93,7 @@ def residual_correlation(problem, choice, alpha, context):
     axes = {name: one for name, one in zip(('az', 'el'), memory) if one.variance > 0.0}
     # of effects that are beyond chance no more is known than that they are
     return ResidualCorrelation(axes, min(p, alpha), _equal_effects(problem, choice.chosen, axes),
-                               along_the_sky(context, problem.sequence))
+                               along_the_sky(run.obs.context, problem.sequence))
 
 
 def _equal_effects(problem, chosen, axes):
@@ -142,15 +141,13 @@ def memory_chance(memory):
     return float(min(_TESTS * 0.5 * chdtrc(1.0, max(gain, 0.0)), 1.0))
 
 
-def correlation_entry(found, problem, context, chosen, residual):
+def correlation_entry(found, run, chosen, residual):
     """JSON-ready entry of a result.
 
     Parameters
     ----------
     found : ResidualCorrelation
-    problem : SelectionProblem
-    context : Context
-        Of the rows.
+    run : RunProblem
     chosen : list of CandidateGroup
         The effects in the model.
     residual : ndarray, shape (2, n)
@@ -170,6 +167,7 @@ def correlation_entry(found, problem, context, chosen, residual):
         it; what is measured of rows that are ``apart`` from one another, in ``unit``, see
         `PairDifferences.to_dict`; and ``trend``, see `trend`.
     """
+    problem, context = run.problem, run.obs.context
     sequence = problem.sequence
     unit = 3600.0 if sequence.timed else 1.0
     distance = _pair_distance(sequence)

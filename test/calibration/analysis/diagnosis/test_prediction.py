@@ -12,6 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from places import ROOT
@@ -86,10 +88,11 @@ def test_a_clean_run_keeps_the_terms():
 
 def test_a_diagnosis_is_told_what_a_prediction_would_gain():
     obs = observations(run(np.random.default_rng(0), wave=10.0))
-    told = better_prediction(obs, Base.parse('physical'), 10.0)
+    one, own = (SimpleNamespace(obs=obs, base=Base.parse('physical', own))
+                for own in ((), ('IA', 'IE')))
+    told = better_prediction(one, 10.0)
     assert told[0].after < 3.0 and 'names no cause' in wording(told[0])
-    assert not better_prediction(obs, Base.parse('physical'), 1.0)
-    assert not better_prediction(obs, Base.parse('physical', ('IA', 'IE')), 10.0)
+    assert not better_prediction(one, 1.0) and not better_prediction(own, 10.0)
 
 
 @pytest.mark.parametrize('name, blocks', [('spk5m/pmfit_equat.dat', 2.6), ('spk8m/pmfit_altaz.dat',
