@@ -23,9 +23,6 @@ from calibration.analysis.diagnosis import check_columns
 from calibration.analysis.solve_check import check_solves
 from calibration.report.wording import wording
 from msg_tools import topics
-from msg_tools.bag import BagReader
-from msg_tools.bag.bag_pair import parameters_of
-from msg_tools.bag.topic_names import prefix_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation, declared_worms
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
@@ -217,6 +214,8 @@ def run_of_log(path, satellites=False):
         No observation in it, or it holds the simulator's truth.
     """
     from calibration.distrust import distrusted, notes_of
+    from msg_tools.bag.bag_pair import parameters_of
+    from msg_tools.bag.topic_names import prefix_of
     from msg_tools.units import wrap
     from pointing_model.calibration_messages import ZeroPairs, joints_to_zero
     from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, way_of
@@ -297,6 +296,7 @@ def declared_by(parameters, notes):
 
 def _log(path):
     """Reader of a log; a folder of images is reported as that."""
+    from msg_tools.bag import BagReader
     try:
         return BagReader(path)
     except (ValueError, OSError):
@@ -363,6 +363,8 @@ def with_rows_before(kept, folder):
 
 def _rows_of(path):
     """Time and row of each observation of a log, but of that of the simulator's truth."""
+    from msg_tools.bag import BagReader
+    from msg_tools.bag.topic_names import prefix_of
     log = BagReader(path)
     if log.has_truth:
         return

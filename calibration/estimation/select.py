@@ -38,7 +38,7 @@ from .significance import SET_WIDTH, beside_memory
 #: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
 #: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
 #: conservative: together they stay below it (measured, benchmarks/diagnosis.py).
-SHARES = {'dictionary': 0.5, 'scans': 0.5, 'periods': 0.15, 'curves': 0.18}
+SHARES = {'dictionary': 0.45, 'scans': 0.45, 'periods': 0.15, 'curves': 0.18}
 #: the same of what is not beyond noise with memory by its estimate, for either share of the
 #: dictionary: of nights whose noise has memory this many are to have a false effect so
 MEMORY_SHARE = 0.75

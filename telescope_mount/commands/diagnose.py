@@ -93,7 +93,6 @@ def run(args):
 def _run(args):
     from calibration.analysis.diagnosis import check_columns, diagnose
     from calibration.analysis.sky_model import settled_together
-    from calibration.report.diagnosis_page import render
     from calibration.report.diagnosis_terminal import diagnosis_tables, summary_lines
     from calibration.report.diagnosis_view import view_of
     from calibration.report.documents import run_diagnosis_document
@@ -140,8 +139,11 @@ def _run(args):
         print_lines(console, 'note', map(wording, base.notes))
         document['base_model'] = base.compared(found.model)
     model = base.whole(found.model) if base else found.model
-    write_outputs(console, args, document, model=model.save,
-                  page=args.report and render(view, args.runs))
+    page = None
+    if args.report:
+        from calibration.report.diagnosis_page import render
+        page = render(view, args.runs)
+    write_outputs(console, args, document, model=model.save, page=page)
     return 2 if found.verdict == 'refused' else 0
 
 

@@ -19,8 +19,9 @@ cannot follow of the right one, each in turn taken as right (`next_observations.
 comes with noise of twice its root (Box and Hill 1967, on discriminating models).
 """
 
+from statistics import NormalDist
+
 import numpy as np
-from scipy.special import ndtr
 
 from msg_tools.units import DEG
 
@@ -207,7 +208,7 @@ class Pair:
                          part)
                 left -= part
             adds = max(view.separation() - before, 1e-9)
-            out += p * ndtr((lead + adds - SEPARATE) / (2.0 * np.sqrt(adds)))
+            out += p * NormalDist().cdf((lead + adds - SEPARATE) / (2.0 * np.sqrt(adds)))
         return float(out)
 
 

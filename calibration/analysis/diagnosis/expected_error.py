@@ -15,9 +15,9 @@
 """The error to be expected on fresh stars, as an interval that can be wrong in the open."""
 
 import numpy as np
-from scipy.special import fdtri
 
 from calibration.estimation.candidates import CandidateBank
+from calibration.estimation.chance import normal_score
 from calibration.estimation.folds import FOLDS, cross_validate, partitions_of
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
@@ -31,6 +31,7 @@ CONFIDENCE = 0.9
 _BLOCKS = 10
 _FARTHEST = 300.0  # of a logarithm
 _FRESH = 100  # stars that it is the RMS of
+_BEYOND = 1.645  # normal standard deviations that chance passes in 1 of 20
 _NORMAL = 60.0  # rows that normal noise counts as, where its scatter is estimated
 #: largest growth or decay of the noise along a night (ln of its root), and values that are tried
 _GROWTH, _RATIOS = np.log(6.0), 20
@@ -126,7 +127,7 @@ def _error_of_mean(squares):
     without = np.log((sums.sum() - sums) / (n - counts))
     k = len(blocks)
     between = (k - 1) / k * np.square(without - without.mean()).sum()
-    if between * n > scatter * fdtri(k - 1, n, 0.95):
+    if normal_score((k - 1) * between * n / scatter, k - 1, n) > _BEYOND:
         return np.sqrt(between), k - 1
     return np.sqrt(scatter / n), n - 1
 

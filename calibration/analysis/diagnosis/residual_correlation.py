@@ -18,10 +18,10 @@ How large it is there, how rows that are alike differ as a reader would see it, 
 way, and whether the order of the rows lets it follow the direction.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import chdtrc
 
 from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
@@ -138,7 +138,7 @@ def memory_chance(memory):
     float
     """
     gain = max(one.gain for one in memory)
-    return float(min(_TESTS * 0.5 * chdtrc(1.0, max(gain, 0.0)), 1.0))
+    return float(min(_TESTS * 0.5 * math.erfc(math.sqrt(0.5 * max(gain, 0.0))), 1.0))
 
 
 def correlation_entry(found, run, chosen, residual):

@@ -14,8 +14,9 @@
 
 """How what is left scatters: at which elevations, and in one axis more than in the other."""
 
+import math
+
 import numpy as np
-from scipy.special import chdtrc
 
 from calibration.estimation.robust import scale_law, scale_ratio
 from msg_tools.units import ARCSEC
@@ -57,7 +58,7 @@ def unequal_scatter(diagnosis):
         ranks = np.empty(len(rows))
         ranks[np.argsort(np.abs(left), kind='stable')] = np.arange(1.0, len(rows) + 1.0)
         off = sum(len(band) * (ranks[band].mean() - 0.5 * (len(rows) + 1.0))**2 for band in bands)
-        p = 2.0 * float(chdtrc(2.0, 12.0 * off / (len(rows) * (len(rows) + 1.0))))
+        p = 2.0 * math.exp(-6.0 * off / (len(rows) * (len(rows) + 1.0)))  # chi^2 of 2
         sizes = [float(rms(left[band])) / ARCSEC for band in bands]
         if p < _UNEQUAL and max(sizes) > _TIMES * min(sizes) and (best is None or p < best['p']):
             ends = np.degrees(elevation[rows])
