@@ -97,7 +97,7 @@ def pass_track(orbit, one, site, weather=DEFAULT_WEATHER, mount=ALTAZ, step=STEP
     ----------
     orbit
         As of `passes`.
-    one : passes.Pass
+    one : satellite_passes.Pass
     site : Site
     weather : Weather
     mount : Mount

@@ -49,7 +49,7 @@ def eccentric(run):
 def test_a_diagnosis_knows_the_skyline_of_the_site(graph, monkeypatch):
     known = []
     monkeypatch.setattr('calibration.analysis.diagnosis.diagnosis.propose',
-                        lambda _, obs, *__: known.append(obs.run.meta['skyline']) or ([], []))
+                        lambda run, *_: known.append(run.obs.run.meta['skyline']) or ([], []))
     desk = Desk(graph, horizon='0 10, 90 10, 90 60, 180 60, 180 10')
     for run in rows(60, seed=2), rows(8, star=POLARIS_HIP, seed=3):
         # refraction, flexure or the elevation encoder: what tells them is asked for

@@ -141,7 +141,7 @@ def test_a_log_has_the_skyline_of_its_guard_and_the_site_of_its_observer(
     told = {'calibration': {'horizon': '', 'graduation': 'grating=47200'},
             'mount_guard': {'horizon': '0 10, 90 60'},
             'star_observer': {'latitude_deg': 30.0, 'longitude_deg': 90.0, 'height_m': 500.0}}
-    monkeypatch.setattr('telescope_mount.run_loader.parameters_of',
+    monkeypatch.setattr('msg_tools.bag.bag_pair.parameters_of',
                         lambda metadata, name: told[name.rpartition('/')[2]])
     run = load_run(night / 'bag')
     assert np.degrees(run.meta['skyline']) == pytest.approx(np.array([[0, 10], [90, 60]]))

@@ -463,7 +463,7 @@ def test_an_axis_may_lose_a_little_of_what_the_other_one_gains():
 
 def test_equal_causes_share_the_folds_and_the_effect_is_added():
     night_of_two = night(3007, effect=lambda c: (0.0, 12.0 * ARCSEC * np.cos(2.0 * c['el'] + 2.0)))
-    result = diagnose(night_of_two, flips=199, partitions=1, folds=10, sessions=0.0)
+    result = diagnose(night_of_two, flips=299, partitions=1, folds=10, sessions=0.0)
     (effect,) = result.effects
     spread = result.after['cv_spread']
     assert {'refraction', 'elevation_encoder_2'} <= {effect.fitted.effect.name,
@@ -476,7 +476,7 @@ def test_equal_causes_share_the_folds_and_the_effect_is_added():
 
 
 def test_the_cross_validated_figure_is_a_mean_of_partitions():
-    after = diagnose(night(1, n=30, effect=backlash(8.0)), flips=199, folds=2).after
+    after = diagnose(night(1, n=30, effect=backlash(8.0)), flips=299, folds=2).after
     spread = after['cv_spread']
     assert spread['min_arcsec'] < after['cv_rms_arcsec'] < spread['max_arcsec']
     # two folds of each, and two stretches
@@ -497,6 +497,6 @@ def test_there_are_more_partitions_while_figure_or_gain_is_unsure(after, more):
 def test_same_seed_same_answer_with_any_number_of_processes(monkeypatch):
     monkeypatch.setattr(forks, 'WORTH', -1.0)
     run = night(1, n=30, effect=backlash(8.0))
-    one, two = (diagnose(run, flips=199, folds=2, jobs=jobs).to_dict() for jobs in (1, 2))
+    one, two = (diagnose(run, flips=299, folds=2, jobs=jobs).to_dict() for jobs in (1, 2))
     assert one['effects'] and one['after']['cv_rms_arcsec']
     assert one == two
