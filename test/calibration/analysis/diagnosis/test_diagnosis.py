@@ -462,7 +462,7 @@ def test_an_axis_may_lose_a_little_of_what_the_other_one_gains():
 
 
 def test_equal_causes_share_the_folds_and_the_effect_is_added():
-    night_of_two = night(3007, effect=lambda c: (0.0, 12.0 * ARCSEC * np.cos(2.0 * c['el'] + 2.0)))
+    night_of_two = night(3070, effect=lambda c: (0.0, 12.0 * ARCSEC * np.cos(2.0 * c['el'] + 2.0)))
     result = diagnose(night_of_two, flips=299, partitions=1, folds=10, sessions=0.0)
     (effect,) = result.effects
     spread = result.after['cv_spread']
