@@ -93,12 +93,6 @@ def run(args):
 def _run(args):
     from calibration.analysis.diagnosis import check_columns, diagnose
     from calibration.analysis.sky_model import settled_together
-    from calibration.report.diagnosis_terminal import diagnosis_tables, summary_lines
-    from calibration.report.diagnosis_view import view_of
-    from calibration.report.documents import run_diagnosis_document
-    from calibration.report.fit_wording import origin_sentence
-    from calibration.report.terminal_tables import base_table
-    from calibration.report.wording import wording
     from msg_tools.forks import cores
 
     from ..run_loader import load_runs
@@ -122,12 +116,17 @@ def _run(args):
     else:
         (runs, held), origin = settled_together(runs, held, encoder=args.encoder)
         if origin is not None:
+            from calibration.report.fit_wording import origin_sentence
             print_lines(console, 'sides of the pier', [origin_sentence(origin)])
     with ProgressLine(unit='folds', first='looking for effects', lines=True) as progress:
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
                          sessions=args.sessions, progress=progress, jobs=args.jobs or cores(),
                          first_answer=partial(print_finding, console), checked=checked)
+    # not before: the first answer would wait for it
+    from calibration.report.diagnosis_terminal import diagnosis_tables, summary_lines
+    from calibration.report.diagnosis_view import view_of
+    from calibration.report.documents import run_diagnosis_document
     found.whole = not (base and base.held is not None)
     document = run_diagnosis_document(found)
     view = view_of(found, document)
@@ -135,6 +134,8 @@ def _run(args):
     if args.verbose:
         print_all(console, ['', *diagnosis_tables(view)])
     if base:
+        from calibration.report.terminal_tables import base_table
+        from calibration.report.wording import wording
         console.print(base_table(base, found.model))
         print_lines(console, 'note', map(wording, base.notes))
         document['base_model'] = base.compared(found.model)
