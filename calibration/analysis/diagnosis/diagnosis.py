@@ -79,7 +79,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         several, see `sessions.arrange`. ``()``: none.
     encoder : {'enc', 'abs'}
     flips : int
-        Sign flips behind each p.
+        Sign flips behind each p; fewer than 7 / alpha cannot tell the smallest shares of it.
     folds : int
         Of the cross-validation (random; as many contiguous ones; whole runs from 4 runs on; at
         most 5 from 1500 rows on).
