@@ -65,22 +65,30 @@ class MemorySearch:
         self._memories, self._scale, self._with_factor = sequence.memories, scale, None
         self._axes = [AxisLikelihood(sequence, axis, False, root, scale, columns, b)
                       for axis in (0, 1)]
+        self._of_all = {}  # of each axis, with all columns
 
     def noise(self, without=()):
         """`AxisNoise` of x and y, without some of the common columns (indices)."""
-        out = []
-        for axis, every in enumerate(self._axes):
-            best, likelihood = AxisNoise(scale=self._scale[axis]), every.without(without)
-            if not likelihood.few:
-                best = likelihood.climb(self._memories, _SIZES, best)
-            if axis == 0 and best.gain > 0.0:
-                # nearly the same curve: near the best of the other
-                self._with_factor = self._with_factor or every.with_factor()
-                likelihood = self._with_factor.without(without)
-                size = best.variance / (best.scale / self._scale[0])**2 / likelihood.typical
-                best = likelihood.climb([best.memory], [size], best)
-            out.append(best)
-        return tuple(out)
+        return tuple(self._of_axis(axis, without) if every.has(without) else self._known(axis)
+                     for axis, every in enumerate(self._axes))
+
+    def _known(self, axis):
+        if axis not in self._of_all:
+            self._of_all[axis] = self._of_axis(axis, ())
+        return self._of_all[axis]
+
+    def _of_axis(self, axis, without):
+        every = self._axes[axis]
+        best, likelihood = AxisNoise(scale=self._scale[axis]), every.without(without)
+        if not likelihood.few:
+            best = likelihood.climb(self._memories, _SIZES, best)
+        if axis == 0 and best.gain > 0.0:
+            # nearly the same curve: near the best of the other
+            self._with_factor = self._with_factor or every.with_factor()
+            likelihood = self._with_factor.without(without)
+            size = best.variance / (best.scale / self._scale[0])**2 / likelihood.typical
+            best = likelihood.climb([best.memory], [size], best)
+        return best
 
 
 def likely_memories(sequence, root, memory, scale, columns, b):
@@ -160,6 +168,10 @@ class AxisLikelihood:
         self.few = len(self._rows.rows) < len(basis) + self._own * len(self._rows.starts) + 3
         if not self.few:
             self._none = float(self._of(None)[0][0])
+
+    def has(self, columns):
+        """Whether any of the common columns (indices) has anything on the axis."""
+        return bool(self._common[list(columns)].any())
 
     def without(self, columns):
         """The same without some of the common columns (indices)."""

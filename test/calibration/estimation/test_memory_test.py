@@ -15,6 +15,9 @@
 import numpy as np
 import pytest
 
+from calibration.estimation.correlated_noise import Sequence
+from calibration.estimation.group_columns import GroupColumns
+from calibration.estimation.memory_likelihood import MemorySearch, noise_memory
 from calibration.estimation.memory_test import SIMULATIONS, TAIL, MemoryTest, tail_share
 
 
@@ -53,3 +56,20 @@ def test_a_test_made_again_with_known_ratios_has_them():
         np.arange(3.0), np.zeros((3, 8))))
     assert known.has_simulated and np.array_equal(known.by_chance, np.arange(3.0))
     assert not drawn.has_simulated
+
+
+def test_without_a_column_of_one_axis_its_noise_alone_is_sought_again():
+    rng, n = np.random.default_rng(1), 60
+    t = np.arange(float(n))
+    sequence = Sequence(t, np.zeros(n, int), np.ones(n))
+    line, none = t / n - 0.5, np.zeros(n)
+    columns = GroupColumns.alone(np.array([
+        np.append(np.ones(n), none), np.append(none, np.ones(n)), np.append(none, line)]))
+    b = np.append(np.cumsum(rng.normal(size=n)), 9.0 * line + rng.normal(size=n))
+    given = sequence, np.ones(2 * n), np.ones(2)
+    every = MemorySearch(*given, columns, b)
+    of_all, without = every.noise(), every.noise([2])
+    assert without[0] is every.noise()[0] and without[1].gain > of_all[1].gain + 10.0
+    anew = noise_memory(*given, GroupColumns.alone(columns.common[:2]), b)
+    for one, other in zip(without, anew):
+        assert one.gain == pytest.approx(other.gain) and one.memory == pytest.approx(other.memory)
