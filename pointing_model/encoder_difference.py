@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Both encoders at one moment, from two streams of readings."""
+"""Angles of the axes between two readings, and both encoders at one moment by them."""
 
 from collections import deque
 

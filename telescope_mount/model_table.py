@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A table of directions with what a model makes of them: for the command ``apply``."""
+"""A table of directions with what a model makes of them: for the command ``apply``.
+
+Right ascensions and declinations become the angles of a perfect mount at their times.
+"""
 
 import sys
 from pathlib import Path

@@ -296,7 +296,7 @@ def declared_by(parameters, notes):
 
 def _log(path):
     """Reader of a log; a folder of images is reported as that."""
-    from msg_tools.bag import BagReader
+    from msg_tools.bag import BagReader  # slow to import, and of logs alone
     try:
         return BagReader(path)
     except (ValueError, OSError):

@@ -126,7 +126,11 @@ class Estimate(NamedTuple):
 
 
 class Linearisation(NamedTuple):
-    """Columns, residuals and weights of a fit where it ended.
+    """Columns, residuals and weights of a fit where it ended: what a refit without rows takes.
+
+    Without rows S the coefficients move by -N^-1 sum_S J_i' W_i r_i, where N is the normal matrix
+    of the rows that stay (Cook and Weisberg 1982, Residuals and Influence in Regression, section
+    2.2): exact for a linear fit with given weights.
 
     Attributes
     ----------

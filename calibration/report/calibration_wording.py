@@ -86,7 +86,7 @@ def restart_sentence(taken_up, model):
 
 
 def state_rows(state, taken_up, finding):
-    """Names and values.
+    """What a calibration has on ``/diagnostics``, names and values.
 
     Parameters
     ----------

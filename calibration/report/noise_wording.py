@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for noise that remembers: rows alike beyond chance whose cause is not known."""
+"""Words for what is left: noise that remembers, and how it scatters along the sky and by axis."""
 
 from calibration.analysis.diagnosis.residual_correlation import FEWEST
 from pointing_model.effects.base import arcsec, the

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tables for a terminal of any width, in which no number is ever cut."""
+"""What a terminal shows first, 24 lines of 80 columns; tables in which no number is ever cut."""
 
 from io import StringIO
 from textwrap import wrap

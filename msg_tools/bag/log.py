@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What readers of logs of all kinds have in common."""
+"""What readers of logs of all kinds have in common, and messages by the definitions in a log."""
 
 import re
 from collections import Counter

@@ -12,7 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One observation: command the track of a target, wait for an exposure on it, centre it."""
+"""One observation: command the track of a target, wait for an exposure on it, centre it; its
+row of the night."""
 
 from dataclasses import replace
 from functools import partial

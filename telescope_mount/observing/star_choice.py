@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which stars to observe for a pointing model, and in which order."""
+"""Which stars to observe for a pointing model, in which order, and which have a neighbour."""
 
 from functools import lru_cache
 from typing import NamedTuple

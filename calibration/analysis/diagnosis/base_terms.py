@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The declared model: its terms, their columns, and what the rows determine of them."""
+"""The declared model: its terms, their columns, its rotations, what the rows determine of it."""
 
 import re
 from dataclasses import dataclass, replace

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Places on the sky where a mount may observe, with all that effects ask of such an observation."""
+"""Places and dark hours at which a mount may observe, with all that effects ask of it there."""
 
 from datetime import datetime, timezone
 

@@ -325,6 +325,8 @@ def _in_units(epochs, rows, time):
 def lagrange(epochs, values, time, count):
     """Polynomial of degree count - 1 through the epochs about each time.
 
+    In its barycentric form (Berrut and Trefethen 2004, SIAM Review 46, 501).
+
     Parameters
     ----------
     epochs : ndarray, shape (n,)
@@ -350,6 +352,8 @@ def lagrange(epochs, values, time, count):
 
 def hermite(epochs, values, rates, time, count):
     """Polynomial of degree 2 count - 1 through values and rates of the epochs about each time.
+
+    By the squares of Lagrange's factors.
 
     Parameters
     ----------

@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Orbits from one or several files, whatever their kinds: known by content, joined by satellite."""
+"""Orbits from one or several files, whatever their kinds: known by content, joined by satellite.
+
+Files may be plain, gzip, or as ``compress`` writes them (.Z), as archives keep them.
+"""
 
 import gzip
 import zlib
