@@ -42,8 +42,21 @@ class _Parser(argparse.ArgumentParser):
         raise SystemExit(2)
 
 
-def make_parser():
+class _Version(argparse.Action):
+    """Print the version and end; it is looked up when it is asked for."""
+
+    def __call__(self, parser, *_):
+        print('telescope-mount', version_of() or 'of a folder that is not installed')
+        parser.exit()
+
+
+def make_parser(only=None):
     """The parser of the command line.
+
+    Parameters
+    ----------
+    only : str, optional
+        The module of the command that is asked for: the others are not loaded.
 
     Returns
     -------
@@ -53,11 +66,9 @@ def make_parser():
                      description='Measure a telescope mount: observe, fit, check, log, replay.',
                      epilog='Exit codes: 0 done, 1 a check found something, 2 bad input, 130 ended '
                      'by Ctrl-C. What options mean everywhere: docs/command_line.md.')
-    version = version_of() or 'of a folder that is not installed'
-    parser.add_argument('--version', action='version', version=f'telescope-mount {version}',
-                        help='print the version and end')
+    parser.add_argument('--version', action=_Version, nargs=0, help='print the version and end')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for name in COMMANDS:
+    for name in COMMANDS if only is None else [only]:
         module_of(name).add(commands)
     return parser
 
@@ -75,7 +86,8 @@ def parsed(argv):
     SystemExit
         They are wrong, which is reported; or help was requested.
     """
-    parser = make_parser()
+    name = argv[0].replace('-', '_') if argv else ''
+    parser = make_parser(name if name in COMMANDS else None)
     for stream in (sys.stdout, sys.stderr):
         spell_out(stream)
     if '_ARGCOMPLETE' in os.environ:

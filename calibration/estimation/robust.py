@@ -19,6 +19,7 @@ residual, or of both axes of a row together (the radial distance, of which the G
 u is exp(-u^2 / 2)). A new one is a function of weights here, and `LOSS` if fits are to have it.
 """
 
+from math import erfc
 from typing import NamedTuple
 
 import numpy as np
@@ -135,7 +136,6 @@ def scale_ratio(first, second, order=None):
     p : float
         Two-sided.
     """
-    from scipy.special import ndtr
     scales = [max(float(sigma_of(one)), 1e-300) for one in (first, second)]
     x, y = (np.log(np.maximum(np.abs(one), _TINY * scale))
             for one, scale in zip((first, second), scales))
@@ -148,8 +148,7 @@ def scale_ratio(first, second, order=None):
     # of few rows it is estimated too small (Marriott and Pope 1954, Biometrika 41, 390)
     alike = min(max(alike + (1.0 + 3.0 * alike) / n, 0.0), 0.95)
     variance = float(np.square(rank).sum()) * (1.0 + alike) / (1.0 - alike)
-    p = 2.0 * float(ndtr(-abs(signed.sum()) / np.sqrt(variance)))
-    return scales[0] / scales[1], min(p, 1.0)
+    return scales[0] / scales[1], erfc(abs(signed.sum()) / np.sqrt(2.0 * variance))
 
 
 def scale_law(values, factors):

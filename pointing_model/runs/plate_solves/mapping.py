@@ -19,8 +19,6 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from pointing_model.mount_kinds import KINDS, MountKind
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import COLUMNS, column_name
@@ -135,6 +133,7 @@ def load_mapping(path):
     OSError
         It cannot be read.
     """
+    import yaml  # for folders of images alone
     path = Path(path)
     try:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
