@@ -204,7 +204,9 @@ class CandidateBank:
         self._known.clear()
 
     def as_offered(self):
-        """The bank before any effect was put in the place of another."""
+        """The bank before any effect was put in the place of another; itself, where none was."""
+        if not self._offered:
+            return self
         out = copy(self)
         out.columns, out._known, out._offered = self.columns.copy(), {}, {}
         for g, known in self._offered.items():
@@ -223,7 +225,8 @@ class CandidateBank:
         index = np.arange(n)[rows]
         out = copy(self)  # what the effects are called is the same
         both = np.concatenate((index, index + n))
-        out.columns, out._known = self.columns[:, both], {}
+        # half the time of an index
+        out.columns, out._known = self.columns.take(both, axis=1), {}
         out._offered = {g: (e, columns[:, both]) for g, (e, columns) in self._offered.items()}
         return out
 

@@ -391,7 +391,8 @@ def _bidiagonal(lower, values, trans='N'):
     if not values.size:  # LAPACK's routine writes beyond an empty array
         return values
     from scipy.linalg.lapack import dtbtrs
-    band = np.vstack((np.ones(len(lower) + 1), np.append(lower, 0.0)))
+    band = np.ones((2, len(lower) + 1))  # the last below the diagonal is not looked at
+    band[1, :-1] = lower
     return dtbtrs(band, values.T, uplo='L', trans=trans, diag='U', overwrite_b=1)[0].T
 
 

@@ -93,9 +93,14 @@ class SelectionProblem:
                                 self.periods.rows(rows), ChainMap({}, self._memories))
 
     def part(self, rows):
-        """The problem of some rows, to be searched anew: no place is known from all of them."""
-        return replace(self, dictionary=self.dictionary.as_offered(),
-                       periods=self.periods.as_offered()).rows(rows)
+        """The problem of some rows, to be searched anew: no place is known from all of them.
+
+        Curves are there if all rows have one.
+        """
+        curves = self.curves if self.curves.by_chance else CandidateBank.empty(self.n)
+        out = replace(self, curves=curves).rows(rows)
+        return replace(out, dictionary=out.dictionary.as_offered(),
+                       periods=out.periods.as_offered())
 
     def other_rows(self, rows, part, chosen):
         """The base, and what a part of the rows has chosen, for some other rows.

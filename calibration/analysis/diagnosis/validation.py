@@ -151,7 +151,8 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
         left, choices = nested(problem, folds, alpha, rng, remembers, whole=chance, done=count_fold,
                                chooser=chooser, jobs=jobs)
         every.extend(choices)
-        return _rms(np.square(cross_validate(problem.plain, [], folds)), keep), np.square(left)
+        without = cross_validate(problem.plain, [], folds) if remembers else left[0]
+        return _rms(np.square(without), keep), np.square(left)
     parts, every, folds_done, expected = [], [], 0, 0
     chance.simulate(problem, chosen)  # once, and not in each fold
     least, most = (ways, ways) if ways is not None else (

@@ -397,7 +397,7 @@ def test_a_choice_that_does_not_hold_elsewhere_is_not_added(monkeypatch):
     assert diagnose(run).cautions == []
     monkeypatch.setattr('calibration.analysis.diagnosis.validation.nested', lambda problem, *rest,
                         **more: (np.ones((3, 2, problem.n)) * np.array(
-                            [20.0, 10.0, 30.0])[:, None, None] * ARCSEC, []))
+                            [5.0, 10.0, 30.0])[:, None, None] * ARCSEC, []))
     result = diagnose(run)
     assert not result.effects and not result.model.effects
     text = paragraph(result.cautions)
