@@ -308,7 +308,8 @@ class Chance:
             problem.periods.shortlist(
                 problem.periods.score(problem.plain.fit([c for c in chosen if not c.period])),
                 [c.group for c in periods])
-        for bank in (problem.dictionary, problem.curves, *[problem.periods][:len(periods)]):
+        curves = [problem.curves] if any(c.curve for c in chosen) else []
+        for bank in (problem.dictionary, *curves, *[problem.periods][:len(periods)]):
             scores = bank.score(fit)
             for share, groups in bank.shares.items():
                 best, gain = best_of(scores, np.setdiff1d(np.arange(len(bank)), groups))

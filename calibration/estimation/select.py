@@ -21,7 +21,8 @@ offered all candidates again, and what no longer pays is dropped. What the dicti
 then offered changes of what was found (an effect that grows through the night), waves of unknown
 period, and curves of each driver: what they are is unknown. What was found must be beyond chance
 with all others in the model, and gain on rows left out. The same rules choose in a whole run and
-in each fold of its cross-validation.
+in each fold of its cross-validation, but that folds are offered waves and curves only where the
+whole run has found one.
 """
 
 import numpy as np
@@ -106,12 +107,20 @@ def search(problem, alpha, chance, given_up=(), first=()):
     choice = ModelChoice(first, plain.fit(first), held=frozenset(first))
     _forward(problem, plain, choice, alpha, chance, given_up)
     for add, offered in ((_add_change, problem.variants is not None),
-                         (_add_period, len(problem.periods)),
-                         (_add_curve, len(problem.curves))):
+                         (_add_period, _offered(problem.periods, chance)),
+                         (_add_curve, _offered(problem.curves, chance))):
         while offered and len(choice.chosen) < MOST_EFFECTS and add(
                 problem, plain, choice, alpha, chance, given_up):
             _forward(problem, plain, choice, alpha, chance, given_up)
     return choice
+
+
+def _offered(bank, chance):
+    """Whether what has no name is offered: to a further search where the first has found some.
+
+    Folds that find a curve which all rows do not would be judged by what the model has not.
+    """
+    return len(bank) > 0 and (not chance.searched_before or bool(bank.by_chance))
 
 
 def _beyond(chance, fit, scores, g, alpha):
@@ -311,10 +320,8 @@ def _add_change(problem, plain, choice, alpha, chance, given_up):
 
 
 def _add_period(problem, plain, choice, alpha, chance, given_up):
-    """A wave of unknown period; in a further search only where the first has found one."""
+    """A wave of unknown period."""
     bank = problem.periods
-    if chance.searched_before and bank.near is None:
-        return False
     lost = [c.group for c in given_up if c.period]
     while len(lost) < len(bank.scans) + len(given_up):
         scores = bank.score(choice.fit)
