@@ -34,6 +34,8 @@ FLIPS = 1999
 NESTED_FLIPS = 499
 #: normal standard deviations above the largest of the first flips from where no flip will come near
 _FAR = 2.5
+#: groups from which on a score is tested among one in so many of them first
+_MANY, _THINNED = 400, 10
 
 
 def pair_corrected(basis, residual, beside=None):
@@ -381,7 +383,17 @@ class Chance:
         by_chance = bank.by_chance.get(bank.effects[group].share)
         if self.searched_before and by_chance is not None:
             return _share(by_chance, ChanceTest(fit, scores, group, [group]).z)
-        test = ChanceTest(fit, scores, group, bank.rivals(group))
+        rivals, share = bank.rivals(group), 0.0
+        many = alpha is not None and len(rivals) > _MANY
+        few = [np.union1d(rivals[::_THINNED], [group])] if many else []
+        for among in (*few, rivals):  # what chance gives to some of them is enough
+            share = self._share_of_flips(ChanceTest(fit, scores, group, among), alpha)
+            if many and share > alpha:
+                break
+        return share
+
+    def _share_of_flips(self, test, alpha):
+        """Of flips whose best score reaches that which is tested; `alpha` as of `p`."""
         count = len(self.signs)
         limit = count if alpha is None else int(np.ceil(alpha * (count + 1)))
         hits, start = 0, 0

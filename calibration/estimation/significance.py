@@ -147,7 +147,9 @@ def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
 def _refined(problem, g, scores):
     """Gains, (G,), with what is scanned and nearly in the set of `g` where it fits best."""
     bank, gains = scores.bank, scores.delta_bic
-    out, limit, lines = gains.copy(), gains.max() - SET_WIDTH, {int(bank.line[g])}
+    out, limit = gains.copy(), gains.max() - SET_WIDTH
+    # of a line in the set the best is there already
+    lines = {int(bank.line[g]), *bank.line[gains >= limit].tolist()}
     near = np.flatnonzero((gains < limit) & (gains > max(limit - _NEARLY, 0.0)))
     for k in near[np.argsort(-gains[near], kind='stable')]:
         if bank.effects[k].scan is not None and int(bank.line[k]) not in lines:
