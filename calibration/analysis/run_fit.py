@@ -37,8 +37,7 @@ from .diagnosis.residual_patterns import (
     visit_findings,
 )
 from .diagnosis.row_counts import excluded_of_fit, fit_row_counts
-from .diagnosis.session_starts import split_at_steps
-from .diagnosis.sessions import arrange
+from .diagnosis.sessions import arrange, split_at_steps
 from .external_check import checked_by_halves
 from .finding import Finding
 from .fit_result import FitResult

@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from msg_tools.units import wrap
+from pointing_model import geometry
 from pointing_model.context import Context
 from pointing_model.geometry import linearised, values
 from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
@@ -33,6 +34,7 @@ from ..estimation.group_columns import GroupColumns
 from ..estimation.least_squares import weighted_solve
 from ..estimation.robust import LOSS
 from ..rows import UNREACHABLE, usable
+from .finding import Finding
 from .fit_result import make_result
 
 #: Directions in the space of the (column-scaled) coefficients whose singular value is below this
@@ -402,3 +404,45 @@ def _without_taken(covariance, rows, weights, rcond, after, run, used):
     # both noises are measured: along what was taken nothing is left, but for their difference
     values, vectors = np.linalg.eigh(0.5 * (left + left.T))
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def rotation_start(obs, terms):
+    """Start of the exact rotations, and the offsets that they leave.
+
+    Parameters
+    ----------
+    obs : Observations
+    terms : sequence of str
+        Of the declared model.
+
+    Returns
+    -------
+    start : dict of str to float
+        Coefficients of the geometric terms, radians.
+    left : ndarray, shape (2n,)
+        Radians.
+    feasible : ndarray of bool, shape (n,)
+    """
+    names = obs.run.mount.names
+    geometric = tuple(t for t in terms if t in names.terms)
+    if not geometric:
+        return {}, obs.observed, np.ones(len(obs), bool)
+    start = dict.fromkeys(geometric, 0.0)
+    try:
+        start.update(fit_terms(obs.run, geometric, encoder=obs.encoder).model.terms)
+    except ValueError:
+        # directions that do not determine the rotations: from the indices alone
+        obs.notes.append(Finding('undetermined base'))
+        few = tuple(t for t in names.index if t in geometric)
+        if few:
+            start.update(fit_terms(obs.run, few, encoder=obs.encoder).model.terms)
+    left, feasible = after_rotation(obs, start)
+    return start, left, feasible
+
+
+def after_rotation(obs, start):
+    """Offsets beyond the exact rotations, shape (2n,), and where the mount can look."""
+    x, y = geometry.offsets(obs.context.az, obs.context.el, start, obs.context.mount)
+    feasible = np.isfinite(x) & np.isfinite(y)
+    left = obs.observed - np.nan_to_num(np.hstack((x, y)))
+    return left, feasible

@@ -34,7 +34,7 @@ _INFLATED = 1.2
 #: less than 1 + 2 _UNLIKE (1 + r + r^2 ...) of rows that share r = 0.6, and of longer memories
 #: those that pass the test are tested again
 _UNLIKE = 0.05
-#: runs simulated: with the tail as `tail_share` has it they tell a limit as well as 300 counted ones
+#: runs simulated: their tail, as `tail_share` has it, tells a limit as well as 300 counted ones
 SIMULATIONS = 99
 #: times that the chance of what is not scanned is larger than its tail says
 _SAFE = 1.5

@@ -21,12 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.estimation.group_columns import GroupColumns
-from pointing_model import geometry
 from pointing_model.harmonics import basis, sky_factor
 from pointing_model.mounts import ALTAZ
 from pointing_model.pointing_terms import known_terms, stacked_design
 
-from ..finding import Finding
 from ..term_fit import fit_terms
 
 _SETS = ('physical', 'standard6', 'index')  # of `mount_kinds.MountKind`
@@ -156,44 +154,3 @@ def determined_base(obs, base):
     held = fit.model.held
     return replace(base, terms=tuple(t for t in base.terms if t not in held),
                    own=tuple(t for t in base.own if t not in held)), fit
-
-
-def rotation_start(obs, base):
-    """Start of the exact rotations, and the offsets that they leave.
-
-    Parameters
-    ----------
-    obs : Observations
-    base : Base
-
-    Returns
-    -------
-    start : dict of str to float
-        Coefficients of the geometric terms, radians.
-    left : ndarray, shape (2n,)
-        Radians.
-    feasible : ndarray of bool, shape (n,)
-    """
-    names = obs.run.mount.names
-    geometric = tuple(t for t in base.terms if t in names.terms)
-    if not geometric:
-        return {}, obs.observed, np.ones(len(obs), bool)
-    start = dict.fromkeys(geometric, 0.0)
-    try:
-        start.update(fit_terms(obs.run, geometric, encoder=obs.encoder).model.terms)
-    except ValueError:
-        # directions that do not determine the rotations: from the indices alone
-        obs.notes.append(Finding('undetermined base'))
-        few = tuple(t for t in names.index if t in geometric)
-        if few:
-            start.update(fit_terms(obs.run, few, encoder=obs.encoder).model.terms)
-    left, feasible = after_rotation(obs, start)
-    return start, left, feasible
-
-
-def after_rotation(obs, start):
-    """Offsets beyond the exact rotations, shape (2n,), and where the mount can look."""
-    x, y = geometry.offsets(obs.context.az, obs.context.el, start, obs.context.mount)
-    feasible = np.isfinite(x) & np.isfinite(y)
-    left = obs.observed - np.nan_to_num(np.hstack((x, y)))
-    return left, feasible

@@ -50,8 +50,7 @@ from .residual_patterns import (
 from .row_counts import count_rows, repeats, worst_rows
 from .run_problem import RunProblem
 from .scatter import unequal_axes, unequal_scatter
-from .session_starts import split_runs
-from .sessions import arrange
+from .sessions import arrange, split_runs
 from .validation import add_errors, cross_validated
 
 #: rows that are looked at, where there are more: time and memory grow with them

@@ -30,7 +30,7 @@ from pointing_model.mounts import rows_by_side
 from pointing_model.rms import radial_arcsec, sigma_of
 
 from ..finding import Finding
-from .base_terms import after_rotation
+from ..term_fit import after_rotation
 
 _MORE = 1.02  # what terms fitted beside a wander leave over those without, from where it is said
 

@@ -22,7 +22,8 @@ from calibration.estimation.folds import FOLDS, cross_validate, partitions_of
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
 
-from .base_terms import Base, rotation_start
+from ..term_fit import rotation_start
+from .base_terms import Base
 from .observations import observations
 
 #: the chance with which the interval holds the RMS of many fresh stars of the same night
@@ -64,7 +65,7 @@ def expected_error_of_terms(run, base='physical', seed=0):
     columns = base.columns(obs.context, obs.label)
     if 2 * len(obs) < len(columns) + 4:
         return None
-    _, left, _ = rotation_start(obs, base)
+    _, left, _ = rotation_start(obs, base.terms)
     none = CandidateBank.empty(len(obs))
     problem = SelectionProblem(columns, left, obs.inverse_sigma, none, none,
                                obs.sequence)

@@ -48,7 +48,8 @@ from pointing_model.mounts import rows_by_side
 from pointing_model.rms import Rms, rms_arcsec
 
 from ..finding import Finding
-from .base_terms import Base, rotation_start
+from ..term_fit import rotation_start
+from .base_terms import Base
 from .observations import mount_of, observations
 from .run_problem import effect_bank
 
@@ -235,7 +236,7 @@ def prediction_problem(obs, base):
         raise ValueError(f'{len(obs)} usable observations are too few to predict with '
                          f'{len(base.terms)} terms; observe more, fit fewer terms, or leave out '
                          '--predict')
-    start, left, _ = rotation_start(obs, base)
+    start, left, _ = rotation_start(obs, base.terms)
     columns = _Columns(obs, base)
     return columns.problem(obs, left), columns, start
 

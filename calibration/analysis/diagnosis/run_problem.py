@@ -28,7 +28,7 @@ from pointing_model.effects.drifts import places_of_steps
 from pointing_model.fitted_effects import FittedEffect
 
 from ..finding import Finding
-from .base_terms import rotation_start
+from ..term_fit import rotation_start
 from .decoder_slips import decode_slips
 from .period_scans import period_bank
 from .row_counts import row_word
@@ -139,7 +139,7 @@ class RunProblem:
             raise ValueError(f'{len(obs)} usable observations do not determine {len(columns)} '
                              'coefficients and a residual; observe more or fit fewer terms')
         self.obs, self.base = obs, base
-        self.start, left, feasible = rotation_start(obs, base)
+        self.start, left, feasible = rotation_start(obs, base.terms)
         names = obs.context.mount.names
         effects, self.untestable = dictionary(
             obs.context, [t for t in names.physical if t not in base.terms], base.own)

@@ -22,27 +22,34 @@ as well; what else moves from session to session is chosen the same way, by BIC.
 """
 
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from calibration.estimation.correlated_noise import EIGEN, WhiteNoise
+from calibration.estimation.group_columns import inverse_root
+from calibration.estimation.linear_model import DISTINCT, LIVE, weighted_fit
 from calibration.estimation.robust import GROSS
 from pointing_model.runs.run import PointingRun
 
 from ..finding import Finding
+from ..term_fit import fit_terms, rotation_start
 from .base_terms import Base
 from .observations import mount_of, observations, run_labels
-from .session_starts import (
-    AT_STEPS,
-    add_note,
-    divisions,
-    session_count,
-    session_note,
-    split_runs,
-)
-from .session_trial import SessionTrial
+from .residual_patterns import MOST_ROWS, ResidualRows, step_of
 
+#: gaps that may end a session, h: a break, the day between two nights, a day without observing
+GAPS = (3.0, 6.0, 12.0)
+_STEPS = 5  # in a run, at most
+#: in the place of hours: sessions begin where places visited again disagree
+AT_STEPS = 'steps'
 _ROWS = 10000  # that the question is put to, at most
+#: what is tried beside the zeros, together: where the camera sits, how the axis leans, how the
+#: tube and the axes stand
+_MOVING = (('CA',), ('AN', 'AW'), ('TF',), ('NPAE',))
+#: stretches that each session is divided in, to leave one out; a shorter session is not compared
+_PARTS, _LONG_ENOUGH = 3, 9
 
 
 class Sessions(NamedTuple):
@@ -122,3 +129,215 @@ def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
     if own_terms is None and set(own) - set(mount.names.index):
         parts[0] = add_note(parts[0], Finding('terms of sessions', causes=tuple(own)))
     return Sessions(parts, own, None if gap == AT_STEPS else gap or sessions)
+
+
+def divisions(runs, terms, encoder, least_step):
+    """Runs as they are given, and every other way to divide them into sessions.
+
+    Parameters
+    ----------
+    runs : list of PointingRun
+    terms, encoder, least_step
+        As of `split_at_steps`.
+
+    Returns
+    -------
+    list of (float or str or None, list of PointingRun)
+        The gap in hours, `AT_STEPS`, or None: as they are given. Of two gaps that make the same
+        sessions the shorter one.
+    """
+    out = {}
+    at_steps = [split_at_steps(run, terms, encoder, least_step) for run in runs]
+    for gap, parts in ((None, runs), *((gap, _split(runs, gap)) for gap in GAPS),
+                       (AT_STEPS, at_steps)):
+        out.setdefault(session_count(parts), (gap, parts))
+    return [*out.values()]
+
+
+def split_at_steps(run, terms=(), encoder='enc', least_step=0.0):
+    """A run with sessions that begin where places visited again disagree at once.
+
+    Parameters
+    ----------
+    run : PointingRun
+    terms : sequence of str
+        That are fitted and leave the residuals which are compared; without any the physical ones.
+    encoder : {'enc', 'abs'}
+    least_step : float
+        Times the noise of one visit, from where a step begins a session.
+
+    Returns
+    -------
+    PointingRun
+        With a Finding for each step; as it was where there is none.
+    """
+    terms = tuple(terms) or run.mount.names.physical
+    step = -(-len(run) // MOST_ROWS)
+    for _ in range(_STEPS):
+        part = run if step < 2 else run.select(slice(None, None, step))
+        try:
+            fitted = fit_terms(part, terms, encoder=encoder, run_zeros='run' in run)
+        except ValueError:  # whoever fits them says why
+            break
+        rows = ResidualRows.from_fit(part, fitted, encoder)
+        if step > 1:
+            rows = rows._replace(lines=run.lines[::step][rows.lines])
+        position, found = step_of(rows, terms, least_step)
+        if found is None:
+            break
+        time = np.asarray(run.get('time'), float)
+        when = time if np.isfinite(time).all() else np.arange(len(run)) / step
+        own = run.get('run', 1.0) * 2.0 + (when > position)
+        run = add_note(PointingRun({
+            **run.columns, 'run': 1 + np.unique(own, return_inverse=True)[1]}, run.meta),
+            replace(found, todo='own zeros'))
+    return run
+
+
+def split_run(run, hours):
+    """A run with its sessions numbered, and a note of how many there are.
+
+    Raises
+    ------
+    ValueError
+        No number of hours above 0, or no time in some row: with the file.
+    """
+    if not hours > 0.0:
+        raise ValueError(f'sessions at gaps of {hours:g} h: give a number of hours above 0')
+    source = run.meta.get('source', 'run')
+    try:
+        out = run.split_sessions(hours)
+    except ValueError as err:
+        raise ValueError(f'{source}: {err}') from None
+    return session_note(out, 'sessions', hours)
+
+
+def split_runs(runs, hours):
+    """`split_run` of a run, or of each of several."""
+    return [split_run(run, hours) for run in
+            ([runs] if isinstance(runs, PointingRun) else runs)]
+
+
+def _split(runs, hours):
+    """Runs split at gaps; as it is what has no time in some row."""
+    return [run.split_sessions(hours) if np.isfinite(np.asarray(run.get('time'), float)).all()
+            else run for run in runs]
+
+
+def session_count(runs):
+    """Runs in `runs`, by file and column."""
+    return sum(len(np.unique(run['run'])) if 'run' in run else 1 for run in runs)
+
+
+def session_note(run, kind, hours):
+    """The run with a Finding on its sessions."""
+    return add_note(run, Finding(kind, hours, unit='h', evidence={
+        'source': Path(run.meta.get('source', 'run')).name,
+        'sessions': len(np.unique(run['run'])) if 'run' in run else 1}))
+
+
+def add_note(run, found):
+    """The run with a Finding more among its notes."""
+    return PointingRun(run.columns, {
+        **run.meta, 'notes': [*run.meta.get('notes', ()), found]})
+
+
+class SessionTrial:
+    """Fits with terms of each session's own, all with the weights of one robust fit.
+
+    A fit that may call rows outliers that another has explained would win by it.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+        Without own terms.
+    session : ndarray of int, shape (n,)
+        Of each row, where the sessions have the most freedom.
+    """
+
+    def __init__(self, obs, base, session):
+        self._context, self._n, self._base = obs.context, len(obs), base
+        self._order = np.arange(self._n) if obs.context.get('time') is None \
+            else np.argsort(np.argsort(obs.context.get('time'), kind='stable'))
+        self._left = rotation_start(obs, base.terms)[1]
+        zeros = replace(base, own=obs.run.mount.names.index)
+        columns = zeros.columns(obs.context, session)
+        fit = weighted_fit(columns, self._left, obs.inverse_sigma)
+        given = 1.0 if obs.inverse_sigma is None else obs.inverse_sigma
+        self._root = given * np.hstack([np.sqrt(fit.weights) / s for s in fit.scale])
+        self._live = fit.weights > LIVE
+
+    def best(self, session, own_terms):
+        """Score of some sessions, and the own terms that reach it.
+
+        Parameters
+        ----------
+        session : ndarray of int, shape (n,)
+            Of each row.
+        own_terms : sequence of str or None
+            None: to be chosen.
+
+        Returns
+        -------
+        tuple
+            (BIC, RMS of stretches left out, own terms).
+        """
+        label = np.unique(session, return_inverse=True)[1]
+        if label.max() == 0:
+            return (*self._score((), label), own_terms or ())
+        if own_terms is not None:
+            return (*self._score(tuple(own_terms), label), tuple(own_terms))
+        names = self._context.mount.names
+        own = names.index
+        groups = [g for g in (tuple(map(names.named, group)) for group in _MOVING)
+                  if set(g) <= set(self._base.terms)]
+        bic, left_out = self._score(own, label)
+        while groups:
+            tried = [(*self._score(own + group, label), group) for group in groups]
+            tried = [one for one in tried if one[0] < bic and one[1] < left_out]
+            if not tried:
+                break
+            bic, left_out, group = min(tried)
+            own += group
+            groups.remove(group)
+        return bic, left_out, own
+
+    def _score(self, own, label):
+        """k ln n - 2 ln L, with noise of its own for each axis, and the RMS of rows left out."""
+        columns = replace(self._base, own=own).columns(self._context, label)
+        live = int(self._live.sum())
+        residual, count = self._fit(columns, self._root)
+        if 2 * live < count + 4:
+            return np.inf, np.inf
+        rss = np.square(residual * self._root).reshape(2, -1).sum(axis=1) + 1e-30
+        bic = live * float(np.log(rss / live).sum()) + count * np.log(live)
+        place, size = np.empty(self._n, int), np.empty(self._n, int)
+        for session in range(label.max() + 1):
+            rows = np.flatnonzero(label == session)
+            place[rows[np.argsort(self._order[rows])]] = np.arange(len(rows))
+            size[rows] = len(rows)
+        long_enough = self._live & (size >= _LONG_ENOUGH)
+        total = 0.0
+        for part in range(_PARTS):
+            out = np.tile(place * _PARTS // size == part, 2)
+            left, _ = self._fit(columns, np.where(out, 0.0, self._root))
+            total += np.square((left * self._root)[out & np.tile(long_enough, 2)]).sum()
+        return bic, np.sqrt(total / max(long_enough.sum(), 1))
+
+    def _fit(self, columns, root):
+        """What is left of all rows, shape (2n,), and how many coefficients were determined."""
+        common, b, noise = columns.common, self._left, WhiteNoise(root)
+        groups = columns.whitened(noise).orthonormal_groups()
+        white, left = noise.whiten(common), groups.off(noise.whiten(b))
+        length = np.sqrt(np.square(white).sum(axis=1))
+        white = groups.off(white)
+        white[np.sqrt(np.square(white).sum(axis=1)) < DISTINCT * length] = 0.0
+        scale = np.where(white.any(axis=1), length, 1.0)[:, None]
+        p = np.linalg.lstsq((white / scale).T, left, rcond=EIGEN)[0] / scale[:, 0]
+        out = b - p @ common
+        if columns.groups:
+            # what the rows of a session hardly determine is taken as zero
+            known = inverse_root(columns.own_normal(root**2), DISTINCT**2)
+            out -= columns.spread(columns.share(out[None], root**2, known))[0]
+        return out, len(groups) + np.count_nonzero(white.any(axis=1))

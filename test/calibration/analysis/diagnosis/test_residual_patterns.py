@@ -19,8 +19,7 @@ import pytest
 from noisy_run import make_run
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.session_starts import split_at_steps
-from calibration.analysis.diagnosis.sessions import arrange
+from calibration.analysis.diagnosis.sessions import arrange, split_at_steps
 from calibration.analysis.finding import Finding
 from calibration.analysis.run_fit import fit_run
 from calibration.report.documents import fit_document

@@ -19,8 +19,7 @@ import pytest
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.base_terms import Base
-from calibration.analysis.diagnosis.session_starts import split_run, split_runs
-from calibration.analysis.diagnosis.sessions import arrange
+from calibration.analysis.diagnosis.sessions import arrange, split_run, split_runs
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
