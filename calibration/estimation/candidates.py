@@ -187,7 +187,7 @@ class CandidateBank:
         """First column of each group, shape (G,)."""
         return self._start[:-1]
 
-    def rivals(self, g):
+    def same_share(self, g):
         """Groups that share the chance of group `g`, shape (r,)."""
         return self.shares[self.effects[g].share]
 

@@ -383,10 +383,10 @@ class Chance:
         by_chance = bank.by_chance.get(bank.effects[group].share)
         if self.searched_before and by_chance is not None:
             return _share(by_chance, ChanceTest(fit, scores, group, [group]).z)
-        rivals, share = bank.rivals(group), 0.0
-        many = alpha is not None and len(rivals) > _MANY
-        few = [np.union1d(rivals[::_THINNED], [group])] if many else []
-        for among in (*few, rivals):  # what chance gives to some of them is enough
+        every, share = bank.same_share(group), 0.0
+        many = alpha is not None and len(every) > _MANY
+        few = [np.union1d(every[::_THINNED], [group])] if many else []
+        for among in (*few, every):  # what chance gives to some of them is enough
             share = self._share_of_flips(ChanceTest(fit, scores, group, among), alpha)
             if many and share > alpha:
                 break

@@ -229,7 +229,7 @@ class PeriodBank(CandidateBank):
     def __len__(self):
         return len(self.rate)
 
-    def rivals(self, g):
+    def same_share(self, g):
         """Waves of one order each, and `g`."""
         return np.union1d(self.shares[_SHARE], [g])
 

@@ -113,7 +113,7 @@ def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
         fit = beside_memory(problem, chosen, i, fit) or fit
     if masked:
         fit = mask.fit
-    groups = [g] if alone else bank.rivals(g) if chosen[i].period else None
+    groups = [g] if alone else bank.same_share(g) if chosen[i].period else None
     scores = bank.score(fit, groups)
     p = chance.p(fit, scores, g, alpha) if scores.dof[g] else 1.0
     if masked and p > max(alpha, below) and scores.dof[g]:
