@@ -182,6 +182,21 @@ def test_p_counts_the_flips():
                       g).z == pytest.approx(test.z)
 
 
+def test_what_is_asked_of_some_of_many_groups_decides_as_all_of_them(monkeypatch):
+    decided = {}
+    for many in (10, 10**6):
+        monkeypatch.setattr('calibration.estimation.chance._MANY', many)
+        for seed in range(12):
+            problem = make_problem(seed, signal=play(3.0 * (seed % 3 == 0)))
+            fit = problem.plain.fit([])
+            scores = problem.dictionary.score(fit)
+            g = int(np.argmax(scores.delta_bic))
+            p = Chance(60, 399, np.random.default_rng(seed)).p(fit, scores, g, 0.05)
+            decided.setdefault(seed, []).append((p <= 0.05, p if p <= 0.05 else None))
+    assert all(one == other for one, other in decided.values())
+    assert {one[0] for one, _ in decided.values()} == {False, True}
+
+
 def test_flips_that_reach_a_score_are_those_whose_largest_does():
     problem = make_problem(5, signal=play(1.2))
     fit = problem.fit([])
