@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 from pointing_model.mounts import Mount
 from pointing_model.sky.places import sidereal_time
 
@@ -114,7 +114,7 @@ def _clock(hours):
 
 def _sites(site):
     """Sites that this one may be mistaken for."""
-    lat, lon = site.latitude, site.longitude
+    lat, lon = site.latitude, float(wrap(site.longitude))
     yield 'the longitude with the other sign', replace(site, longitude=-lon)
     yield 'the latitude with the other sign', replace(site, latitude=-lat)
     yield ('latitude and longitude with the other sign',

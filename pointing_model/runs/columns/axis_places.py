@@ -25,7 +25,7 @@ from pointing_model.runs.run import column_name, known_site
 from . import equinox
 from .checks import PAIRS
 from .declarations import standard_pressure
-from .pier_side import through_the_pole
+from .pier_side import note_counterweight, through_the_pole
 from .solve_columns import are_images, refuse_hours
 
 _NEAR = 10.0 * DEG  # zeros of readings of an alt-azimuth mount are smaller, or one for all rows
@@ -198,6 +198,9 @@ def to_axes(path, table, mount):
         _keep_written(path, table, pairs, side if by_side is None else by_side, mount)
         if read.any():
             beyond = read
+            if mount.two_sided:
+                place = mount.axes_of if meta.get('from_horizon') else sides
+                note_counterweight(table, read, place(columns['az'], columns['el'])[0])
         elif by_side is not None:
             beyond = by_side
             for az, el in pairs:
@@ -367,7 +370,7 @@ def read_offsets(table):
     x, y = columns.pop('x_arcsec'), columns.pop('y_arcsec')
     reach = np.cos(columns['el'])
     with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
-        table.exclude(np.abs(x) >= np.pi * reach,
+        table.exclude(np.abs(x) >= np.pi * np.abs(reach),
                       'x_arcsec is more than half a turn of azimuth, so near the zenith')
         columns['az_enc'] = columns['az'] + np.where(table.reasons == 0, x / reach, 0.0)
         columns['el_enc'] = columns['el'] + y

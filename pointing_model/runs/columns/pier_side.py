@@ -28,8 +28,9 @@ def through_the_pole(path, table, side, hour_angle):
     """Which rows look through the pole, by a column of the side of the pier.
 
     ``west`` (ASCOM's ``pierWest``), -1, or 1 of 0 and 1 is through the pole. Where ASCOM's numbers
-    are in the column (0 with -1) or words, -1 is unknown, as blank cells are. A row of an unknown
-    side is placed by its hour angle where the others show a rule, else it is left out.
+    are in the column (0 with -1) or words, -1 is unknown, as blank cells are. A 1 without a 0 may
+    be ASCOM's west, too: it is where the counterweight is then down in more rows. A row of an
+    unknown side is placed by its hour angle where the others show a rule, else it is left out.
 
     Parameters
     ----------
@@ -52,45 +53,78 @@ def through_the_pole(path, table, side, hour_angle):
         Other cells, or no side in any row.
     """
     cells = [str(v).strip().lower().removeprefix('pier').lstrip(' _') for v in side.tolist()]
-    read = _reading(set(cells))
-    if read is None:
+    reads = _readings(set(cells))
+    if not reads:
         others = sorted(set(cells) - {'east', 'west', 'e', 'w', *_UNKNOWN})
         raise ValueError(f'{path}: pier_side holds {", ".join(c[:20] for c in others[:4])}; give '
                          'east or west (west: through the pole), 1 or -1, or 0 or 1; unknown or '
                          'nothing where it is not known')
-    values = np.array([read[cell] for cell in cells])  # 1: through the pole; NaN
+    east = wrap(hour_angle) < 0.0
+    # 1: through the pole; NaN
+    each = [np.array([read[cell] for cell in cells]) for read in reads]
+    seen = (table.reasons == 0) & np.isfinite(hour_angle)
+    share = [np.sum((values == east) & seen) / max(np.sum(np.isfinite(values) & seen), 1)
+             for values in each]
+    by_ascom = len(each) > 1 and share[1] > share[0]
+    values = each[int(by_ascom)]
     known = np.isfinite(values)
+    if by_ascom:
+        table.meta['notes'].append(
+            'pier_side has 1 and no 0: taken as ASCOM has it, 1 west (through the pole) and -1 '
+            f'unknown. The counterweight is then down in {100.0 * share[1]:.0f} % of the rows, '
+            f'else in {100.0 * share[0]:.0f} %')
     if not known.any():
         raise ValueError(f'{path}: pier_side is unknown in every row; leave the column out if no '
                          'row is through the pole')
-    beyond, east = values == 1.0, wrap(hour_angle) < 0.0
-    sound = known & (table.reasons == 0) & np.isfinite(hour_angle)
+    beyond, sound = values == 1.0, known & seen
     down = beyond == east  # the counterweight hangs below the tube
     if not known.all():
         _place_unknown(table, known, sound, beyond, down, hour_angle)
-    elif sound.sum() >= _FEWEST and not down[sound].any() and beyond[sound].any():
+    elif sound.sum() >= _FEWEST and not down[sound].any():
         table.meta['notes'].append(
             'pier_side has the counterweight up in every row. If it was down, exchange east and '
             'west: the column says where the tube points (else ID, CH, NP change sign)')
     return beyond
 
 
-def _reading(cells):
-    """Cell -> 1.0 through the pole, 0.0 not, NaN unknown; None where some cell is neither."""
+def note_counterweight(table, beyond, hour_angle):
+    """Say it, where readings have the counterweight up in every row.
+
+    Parameters
+    ----------
+    table : Table
+        Gets the note.
+    beyond : ndarray of bool, shape (n,)
+        Rows through the pole.
+    hour_angle : ndarray, shape (n,)
+        Of the stars, radians.
+    """
+    sound = (table.reasons == 0) & np.isfinite(hour_angle)
+    with np.errstate(invalid='ignore'):
+        down = beyond == (wrap(hour_angle) < 0.0)
+    if sound.sum() >= _FEWEST and not down[sound].any():
+        table.meta['notes'].append(
+            'the readings have the counterweight up in every row. If it was down, the hour angles '
+            'count eastward: change their sign, of star and reading (else IH, CH, NP, MA have the wrong sign)')
+
+
+def _readings(cells):
+    """Cell -> 1.0 through the pole, 0.0 not, NaN unknown, in each way that they may be meant."""
     out = {cell: np.nan for cell in cells if cell in _UNKNOWN}
     rest = cells - set(out)
     words = {cell: float(cell[0] == 'w') for cell in rest if cell in ('east', 'west', 'e', 'w')}
     try:
         numbers = {cell: float(cell) for cell in rest - set(words)}
     except ValueError:
-        return None
+        return []
     there = set(numbers.values())
     if not there <= {-1.0, 0.0, 1.0} or (words and there - {-1.0}):
-        return None
-    ascom = bool(words) or 0.0 in there
-    through = {cell: (np.nan if v < 0.0 else v) if ascom else float(v < 0.0)
-               for cell, v in numbers.items()}
-    return out | words | through
+        return []
+    by_sign = {cell: float(v < 0.0) for cell, v in numbers.items()}
+    by_ascom = {cell: np.nan if v < 0.0 else v for cell, v in numbers.items()}
+    ways = [by_ascom] if words or 0.0 in there else (
+        [by_sign, by_ascom] if 1.0 in there else [by_sign])
+    return [out | words | way for way in ways]
 
 
 def _place_unknown(table, known, sound, beyond, down, hour_angle):

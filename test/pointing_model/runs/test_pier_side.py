@@ -90,6 +90,25 @@ def test_rows_of_an_unknown_side_are_placed_as_the_others_are(read, west, east, 
     assert any('8 of 60 rows: 8 placed by the hour angle' in note for note in run.meta['notes'])
 
 
+@pytest.mark.parametrize('unknown', ['1', '-1'])
+def test_ones_without_a_zero_are_what_keeps_the_counterweight_down(tmp_path, unknown):
+    rows, beyond = folded(120)
+    east = rows[beyond]
+    sides = ['1'] * len(east)
+    sides[3::9] = [unknown] * len(sides[3::9])
+    path = tmp_path / 'run.csv'
+    path.write_text(HEAD + ''.join(','.join(f'{v:.8f}' for v in row) + f',{side}\n'
+                                   for row, side in zip(east, sides)))
+    run = read_run(path)  # ASCOM's west
+    assert is_beyond(run['el']).all() and right(run)
+    assert any('taken as ASCOM has it' in note for note in run.meta['notes'])
+    path.write_text(HEAD + ''.join(','.join(f'{v:.8f}' for v in row) + ',1\n'
+                                   for row in rows[~beyond]))
+    run = read_run(path)
+    assert not is_beyond(run['el']).any() and right(run)
+    assert not any('ASCOM' in note for note in run.meta['notes'])
+
+
 def test_rows_of_an_unknown_side_are_left_out_by_name_where_no_rule_tells_it(read):
     rng = np.random.default_rng(3)
     sides = ['west' if b else 'east' for b in rng.random(60) < 0.5]
@@ -121,6 +140,33 @@ def test_the_other_convention_is_said(read):
     assert any('counterweight up in every row' in note for note in run.meta['notes'])
     run = read(['west' if b else 'east' for b in beyond])
     assert not any('counterweight' in note for note in run.meta['notes'])
+
+
+def test_readings_with_the_counterweight_up_in_every_row_are_said(tmp_path):
+    rows, beyond = folded()
+    path = tmp_path / 'run.csv'
+    for sign in (1.0, -1.0):  # hour angles that count westward, and eastward
+        read = np.array(through_pole(rows[:, 2] * DEG, rows[:, 3] * DEG, beyond)).T / DEG
+        both = np.column_stack((sign * rows[:, 0], rows[:, 1], sign * read[:, 0], read[:, 1]))
+        path.write_text(HEAD.replace(',pier_side', '') + ''.join(
+            ','.join(f'{v:.8f}' for v in row) + '\n' for row in both))
+        notes = read_run(path).meta['notes']
+        assert any('count eastward' in note for note in notes) == (sign < 0.0)
+
+
+@pytest.mark.parametrize('part', [slice(None), 'beyond'])
+def test_offsets_on_the_sky_are_read_on_both_sides_of_the_pier(tmp_path, part):
+    rows, beyond = folded(90)
+    if part == 'beyond':
+        rows, beyond = rows[beyond], beyond[beyond]
+    x = (rows[:, 2] - rows[:, 0] + 180.0) % 360.0 - 180.0
+    offsets = 3600.0 * x * np.cos(rows[:, 1] * DEG), 3600.0 * (rows[:, 3] - rows[:, 1])
+    path = tmp_path / 'run.csv'
+    path.write_text(HEAD.replace('ha_enc_deg,dec_enc_deg', 'x_arcsec,y_arcsec') + ''.join(
+        f'{ha:.8f},{dec:.8f},{x:.6f},{y:.6f},{"west" if west else "east"}\n'
+        for (ha, dec, *_), x, y, west in zip(rows, *offsets, beyond)))
+    run = read_run(path)
+    assert len(run) == len(rows) and not run.meta.get('excluded') and right(run)
 
 
 def test_rows_with_the_side_of_before_do_not_judge_whose_the_errors_are(read):

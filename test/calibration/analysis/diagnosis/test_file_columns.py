@@ -106,6 +106,8 @@ ELSEWHERE = {
     '+01:00': (1.0, SITE, 'a clock 1 hour ahead of UTC'),
     'longitude': (0.0, Site(34.3 * DEG, -64.3 * DEG, 500.0),
                   'the site is wrong: .* fit: the longitude with the other sign'),
+    'longitude to 360': (0.0, Site(34.3 * DEG, 295.7 * DEG, 500.0),
+                         'the longitude with the other sign'),
     'latitude': (0.0, Site(-34.3 * DEG, 64.3 * DEG, 500.0),
                  'the site is wrong: .* fit: the latitude with the other sign'),
     'exchanged': (0.0, Site(64.3 * DEG, 34.3 * DEG, 500.0), 'latitude and longitude exchanged')}
