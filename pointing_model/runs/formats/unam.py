@@ -79,7 +79,7 @@ def read(path, lines):
         'time': rows.iso_times('name', times),
         'lst_given': np.remainder(value['mount ha'] + value['mount ra'], 360.0),
         'az_enc': value['mount ha'], 'el_enc': value['mount dec'],
-        'pier_side': np.where(beyond, -1, 1)}
+        'pier_side': np.where(beyond, 'west', 'east')}
     meta = {'format': 'unam', 'mount_declared': 'german', 'sky_frame': ICRS, 'notes': [
         'places are the solved ones, readings hour angle and declination of the mount. Rotation '
         '180 is the side through the pole; the time is from the sidereal time of the mount']}
