@@ -97,7 +97,8 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
     longitude_deg, latitude_deg, height_m : float
         Of the site; the latitude of an equatorial mount is its own.
     pressure_hpa, temperature_c : float or array_like, optional
-        Of the air, for the refraction; pressure 0: none. By default that of `DEFAULT_WEATHER`.
+        Of the air, for the refraction; pressure 0: none. By default a standard atmosphere at the
+        height, 10 C.
     of_date : bool
     beyond : bool or array_like of bool, optional
         Whether a German mount looks through the pole; by default as its counterweight is down.
@@ -113,7 +114,7 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
     ValueError
         No latitude, or another one than that of the mount; a site, time or air out of range.
     """
-    from pointing_model.sky.site import DEFAULT_WEATHER, Weather
+    from pointing_model.sky.site import air_at
 
     from .runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
     from .sky.places import observed_directions
@@ -129,8 +130,8 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
     ra, dec, time = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (
         ra_deg, dec_deg, time)))
     icrs = to_icrs(ra * DEG, dec * DEG, OF_DATE if of_date else ICRS, time)
-    weather = Weather(DEFAULT_WEATHER.pressure_hpa if pressure_hpa is None else pressure_hpa,
-                      DEFAULT_WEATHER.temperature_c if temperature_c is None else temperature_c)
+    given = {'pressure_hpa': pressure_hpa, 'temperature_c': temperature_c}
+    weather = air_at(height_m, {name: v for name, v in given.items() if v is not None})
     seen = observed_directions(*icrs, time, Site(latitude_deg * DEG, longitude_deg * DEG, height_m),
                                weather)
     if beyond is None:

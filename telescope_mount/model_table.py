@@ -26,21 +26,19 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import UNKNOWN, Context
 from pointing_model.effects.base import readable
 from pointing_model.model_application import axis_angles, turned, zeros_of_rows
-from pointing_model.mounts import is_beyond
+from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.column_names import CSV_NAMES
+from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.columns.run_table import content, lines_of, own_name
 from pointing_model.runs.columns.text_rows import TextRows, decimal_points, is_number
 from pointing_model.runs.run import COLUMNS, column_name
-from pointing_model.sky.site import DEFAULT_WEATHER
+from pointing_model.sky.site import air_of_rows
 from pointing_model.zero import active_zeros
 from pointing_model.zero_drift import KEY
 
 #: columns of such a table
 SKY = ('ra_deg', 'dec_deg')
-#: words of a side of the pier -> through the pole
-_SIDES = {'east': False, 'e': False, 'west': True, 'w': True}
-
 
 def apply_to_table(model, args):
     """Turn the directions of a table into encoder angles, or back.
@@ -75,10 +73,16 @@ def apply_to_table(model, args):
     # rows that are left out go along, somewhere, and their cells stay empty
     used = reasons == 0
     az, el = np.where(used, az, 0.0), np.where(used, el, 45.0)
+    folded = np.zeros(len(used), bool)  # places of the sky that the mount reads through the pole
     if of_sky:
-        az, el, height = observed(model, az, el, columns, cells, used, args)
+        az, el, height = observed(model, az, el, columns, cells, used, args, notes)
         if (used & (height < 0.0)).any():
             notes.append(f'below the horizon: {_rows(lines[used & (height < 0.0)])}')
+    elif model.mount.two_sided and 'pier_side' in cells:
+        side, more = sides_of(table.path, cells['pier_side'], az * DEG, used)
+        folded = used & ~is_beyond(el * DEG) & (side == 1.0)
+        notes += more
+        az, el = np.array(through_pole(az * DEG, el * DEG, folded)) / DEG
     place = [None if v is None else v * DEG for v in (args.latitude, args.longitude)]
     context = Context(az * DEG, el * DEG, columns, *place, mount=model.mount)
     if 'run' in columns and used.any():
@@ -102,6 +106,10 @@ def apply_to_table(model, args):
     if up.any():
         notes.append(f'the counterweight is up in {_rows(lines[up])}: with it down the mount looks '
                      'there through the pole, at hour angle + 180, 180 - declination')
+    if folded.any():
+        notes.append(f'{int(folded.sum())} of {len(folded)} rows are through the pole, as '
+                     'pier_side says: angles are places of the sky on either side')
+        out = np.array(through_pole(*(out * DEG), folded)) / DEG
     names = places if args.reverse else readings
     if set(names) & set(header):
         names = tuple(f'{n.removesuffix("_deg")}_model_deg' for n in names)
@@ -268,7 +276,7 @@ def check_sky(table, ra, dec, cells):
                 int(i): 'is no such angle in degrees' for i in np.flatnonzero(bad)})
 
 
-def observed(model, ra, dec, columns, cells, used, args):
+def observed(model, ra, dec, columns, cells, used, args, notes):
     """The angles that a perfect mount of this kind reads there.
 
     Parameters
@@ -284,6 +292,8 @@ def observed(model, ra, dec, columns, cells, used, args):
         Rows that are not left out.
     args : argparse.Namespace
         Of the command: site, air, equinox.
+    notes : list of str
+        Gets what is to be said of them.
 
     Returns
     -------
@@ -304,22 +314,20 @@ def observed(model, ra, dec, columns, cells, used, args):
     time = columns['time']
     if not np.isfinite(time[used]).all():
         raise ValueError('ra_deg, dec_deg need the time of every row')
+    given = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
+    air, said = air_of_rows(args.height, columns.get('pressure'), columns.get('temperature'),
+                            given={name: v for name, v in given.items() if v is not None})
+    notes += said
     how = {'longitude_deg': args.longitude, 'latitude_deg': args.latitude,
            'height_m': args.height or 0.0, 'of_date': args.equinox == 'date',
-           'pressure_hpa': _air(columns, 'pressure', args.pressure, DEFAULT_WEATHER.pressure_hpa),
-           'temperature_c': _air(columns, 'temperature', args.temperature,
-                                 DEFAULT_WEATHER.temperature_c)}
+           'pressure_hpa': air.pressure_hpa, 'temperature_c': air.temperature_c}
     time = np.where(used, time, time[used][0] if used.any() else 0.0)
     found = axis_angles(model, ra, dec, time, **how)
     if not (model.mount.two_sided and 'pier_side' in cells):
         return found
-    sides = [_SIDES.get(str(cell).strip().lower().removeprefix('pier').lstrip(' _'), down)
-             for cell, down in zip(cells['pier_side'], is_beyond(found[1] * DEG))]
-    return axis_angles(model, ra, dec, time, beyond=np.array(sides), **how)
-
-
-def _air(columns, name, given, usual):
-    usual = usual if given is None else given
-    if name not in columns:
-        return usual
-    return np.where(np.isfinite(columns[name]), columns[name], usual)
+    down = is_beyond(found[1] * DEG)
+    star = through_pole(found[0] * DEG, found[1] * DEG, down)[0]
+    side, more = sides_of(args.file, cells['pier_side'], star, used)
+    notes += more
+    return axis_angles(model, ra, dec, time, beyond=np.where(np.isfinite(side), side == 1.0, down),
+                       **how)

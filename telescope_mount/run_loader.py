@@ -54,8 +54,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         Where azimuth 0 is in a TPOINT file.
     site : pointing_model.sky.site.Site, optional
         Kept in ``meta``; needed for a CSV with ``ra_deg, dec_deg``.
-    weather : pointing_model.sky.site.Weather, optional
-        For the refraction of such a CSV.
+    weather : pointing_model.sky.site.Weather or dict, optional
+        For the refraction of such a CSV; of a dict, what it has is taken in place of the file's.
     encoder : {'enc', 'abs'}, optional
         'abs' takes the second encoder for the first.
     graduation : str or dict, optional

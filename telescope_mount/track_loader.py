@@ -19,16 +19,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.mounts import ALTAZ, parse_mount
+from pointing_model.mounts import ALTAZ, is_beyond, parse_mount, through_pole
 from pointing_model.runs.columns.cells import Cells
-from pointing_model.runs.columns.column_names import CSV_NAMES, OTHER_NAMES
-from pointing_model.runs.columns.declarations import declarations, standard_pressure
+from pointing_model.runs.columns.column_names import OTHER_NAMES
+from pointing_model.runs.columns.declarations import declarations
+from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.columns.run_table import content, read_lines
 from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
 from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.places import icrs_to_observed
-from pointing_model.sky.site import DEFAULT_WEATHER, Site, Weather
+from pointing_model.sky.site import Site, Weather, air_at, air_of_rows
 from telescope_mount.night_files import log_of
 
 from .observing.reading_pairs import centred
@@ -36,6 +37,7 @@ from .run_loader import load_run
 
 #: columns that name the satellite of a row
 _NAMES = ('satellite', 'object')
+_AIR = ('pressure', 'pressure_hpa'), ('temperature', 'temperature_c')
 #: of a row without readings of an encoder: where the satellite was seen
 _SEEN = (('az_deg', 'el_deg'), ('ra_deg', 'dec_deg'))
 
@@ -53,7 +55,7 @@ class MeasuredTracks:
     orbits : dict of str to orbit
     site : Site
     weather : Weather
-        Each number one for all or one for each row.
+        Pressure and temperature of each row.
     mount : Mount
     notes : list of str
     """
@@ -122,7 +124,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     for part in parts:
         label = np.array([str(_orbit(orbits, found, one or name)) for one in part.names.tolist()],
                          dtype=object)
-        columns.append(_measured(part, site, weather, frame))
+        columns.append(_measured(part, site, weather, frame, notes))
         names.append(label)
     for run in runs:
         columns.append(_star_columns(run, frame))
@@ -136,7 +138,10 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
         columns.append(_star_columns(run, frame))
         names.append(np.full(len(run), STARS, dtype=object))
     joined = _joined(columns)
-    air = _air(joined, site, weather)
+    base, unknown = air_at(site.height, weather), np.full(len(joined['time']), np.nan)
+    own = {key: joined.get(name, unknown) for name, key in _AIR}
+    air = replace(base, **{key: np.where(np.isfinite(of), of, getattr(base, key))
+                           for key, of in own.items()})
     notes += orbits.notes + [_age(orbit, joined['time'][np.concatenate(names) == one])
                              for one, orbit in found.items() if not orbit.precise]
     return MeasuredTracks(joined, np.concatenate(names), found, site, air, frame, notes)
@@ -150,6 +155,7 @@ class _Part:
     cells: dict
     names: np.ndarray
     site: dict
+    weather: dict
     mount: str | None
     keys: tuple
     notes: list
@@ -180,13 +186,16 @@ def _read(path, site, mount):
     good = (table.reasons == 0) & np.all(
         [np.isfinite(read[one]) for one in ('time', *wanted[:2])], axis=0)
     notes = list(declared['notes'])
+    if 'pier_side' in header:
+        read['pier_side'] = np.array(table['pier_side'], dtype=object)
     if not good.any():
         raise ValueError(f'{path}: no row has {", ".join(("time", *wanted[:2]))}')
     if not good.all():
         first = table.lines[np.flatnonzero(~good)[0]]
         notes.append(f'{path}: {int((~good).sum())} rows excluded, the first in line {first}')
     return _Part(path, {one: value[good] for one, value in read.items()}, names[good],
-                 declared.get('site') or {}, mount or declared.get('mount_declared'),
+                 declared.get('site') or {}, declared.get('weather') or {},
+                 mount or declared.get('mount_declared'),
                  keys, notes)
 
 
@@ -225,25 +234,36 @@ def _orbit(orbits, found, name):
     return orbit.name
 
 
-def _measured(part, site, weather, mount):
+def _measured(part, site, weather, mount, notes):
     """Readings with the satellite centred, or where it was seen by the axes of the mount."""
     cells, out = part.cells, {'time': part.cells['time']}
-    for name in ('temperature_c', 'pressure_hpa'):
-        if name in cells:
-            out[CSV_NAMES[name]] = cells[name]
+    try:
+        air, said = air_of_rows(site.height, cells.get('pressure_hpa'), cells.get('temperature_c'),
+                                part.weather, weather)
+    except ValueError as error:
+        raise ValueError(f'{part.path}: {error}') from None
+    notes += said
+    out |= {name: np.broadcast_to(getattr(air, key), len(out['time'])) for name, key in _AIR}
     if set(part.keys) <= set(cells):
         keys = tuple(column_name(axis, mount.names) for axis in ('az_enc', 'el_enc'))
         if part.keys != keys:
             raise ValueError(f'{part.path}: the columns {", ".join(part.keys)} are not of a mount '
                              f'that is {mount.kind}, which has {", ".join(keys)}')
         az, el = (cells[key] * DEG for key in part.keys)
+        if mount.two_sided and 'pier_side' in cells and not is_beyond(el).any():
+            side, said = sides_of(part.path, cells['pier_side'], az, np.isfinite(az))
+            if not np.isfinite(side).all():
+                raise ValueError(f'{part.path}: pier_side is unknown in '
+                                 f'{int((~np.isfinite(side)).sum())} of {len(side)} rows; give '
+                                 'east or west in every row of a track, or readings beyond 90 deg')
+            az, el = mount.on_travel(*through_pole(az, el, side == 1.0))
+            notes += said
         miss = [np.nan_to_num(cells[one]) * ARCSEC if one in cells else np.zeros(len(az))
                 for one in ('miss_x_arcsec', 'miss_y_arcsec')]
         out['az_enc'], out['el_enc'] = centred(az, el, *miss, np.cos(el) < 0.0)
     elif 'az_deg' in cells:
         out['az_enc'], out['el_enc'] = mount.axes_of(cells['az_deg'] * DEG, cells['el_deg'] * DEG)
     else:
-        air = _air({**out, 'time': cells['time']}, site, weather)
         out['az_enc'], out['el_enc'] = mount.axes_of(*icrs_to_observed(
             cells['ra_deg'] * DEG, cells['dec_deg'] * DEG, cells['time'], site, air))
     return out
@@ -265,16 +285,6 @@ def _joined(parts):
     every = sorted({name for part in parts for name in part})
     return {name: np.concatenate([part.get(name, np.full(len(part['time']), np.nan))
                                   for part in parts]) for name in every}
-
-
-def _air(columns, site, weather):
-    """Weather of each row: its own, else what is given, else a standard atmosphere at the site."""
-    base = weather or replace(DEFAULT_WEATHER, pressure_hpa=standard_pressure(site.height))
-    n, out = len(columns['time']), {}
-    for name, key in (('pressure', 'pressure_hpa'), ('temperature', 'temperature_c')):
-        own = columns.get(name, np.full(n, np.nan))
-        out[key] = np.where(np.isfinite(own), own, getattr(base, key))
-    return replace(base, **out)
 
 
 def _air_of(weather, rows):

@@ -19,6 +19,9 @@ import re
 
 import numpy as np
 
+from msg_tools.units import DEG, wrap
+
+from ..mounts import sides
 from .copies import without_rows
 from .run import COLUMNS, column_name
 
@@ -38,8 +41,8 @@ def excluded_rows(run, text):
     run : PointingRun
     text : str
         Row numbers as messages and pages count them (``30``), ranges (``45-48``), conditions on
-        a column in the units of a file (``el<20``, ``magnitude>=9``, ``star=HIP 5447``); commas
-        between them.
+        a column in the units of a file (``el<20``, ``magnitude>=9``, ``star=HIP 5447``; of an
+        equatorial mount ``ha<0``, ``dec>60``, too); commas between them.
 
     Returns
     -------
@@ -90,8 +93,20 @@ def _where(run, name, sign, value):
 
 
 def _column(run, name):
-    """Values of a column by its name in memory or in a file, with or without unit, and the unit."""
+    """Values of a column by its name in memory or in a file, with or without unit, and the unit.
+
+    Of a mount that is no alt-azimuth one ``az`` and ``el`` are the horizon's, and its own angles
+    those of the sky, on whichever side of the pier.
+    """
     names = run.mount.names
+    if not run.mount.vertical:
+        place, bare = (run['az'], run['el']), name.removesuffix('_deg')
+        if bare in ('az', 'el'):
+            az, el = run.mount.horizon_of(*place)
+            return (np.mod(az, 2.0 * np.pi) if bare == 'az' else el), DEG
+        if bare in names.columns:
+            first, second = sides(*place)[:2] if run.mount.two_sided else place
+            return (wrap(first), second)[names.columns.index(bare)], DEG
     by_name = {}
     for own, (_, unit, _) in COLUMNS.items():
         if own in run.columns:

@@ -66,9 +66,10 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
         place of what the file gives, what a dict has not as the file gives it; ``meta['notes']``
         says so if its latitude is another than the file's.
-    weather : pointing_model.sky.site.Weather, optional
+    weather : pointing_model.sky.site.Weather or dict, optional
         For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
-        ``pressure_hpa``. By default a standard atmosphere at the site, 10 C.
+        ``pressure_hpa``. What is not given is as the file has it, else a standard atmosphere at
+        the site, 10 C.
     encoder : {'enc', 'abs'}, optional
         'abs' takes the second encoder for the first, and the first for the second.
     mount : str or Mount, optional
@@ -134,9 +135,9 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     solve_columns.flag_scales(table)
     checks.to_si(columns)
     checks.flag_numbers(table)
+    checks.blank_absurd(table)
     axis_places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
     axis_places.mount_ascension(path, table)
-    checks.blank_absurd(table)
     if mount.vertical:
         meta.pop('from_horizon', None)
     else:
@@ -227,7 +228,7 @@ def swap_encoders(path, columns, meta):
 
 
 def _settle_origin(given, meta, altazimuth):
-    declared = meta.pop('told_origin', None)
+    declared, west = meta.pop('told_origin', None), meta.pop('told_west', False)
     meta['azimuth_origin'] = given or declared or 'N'
     if not altazimuth:
         meta['azimuth_origin'] = 'N'
@@ -235,12 +236,13 @@ def _settle_origin(given, meta, altazimuth):
     if declared and given and declared != given:
         meta['notes'].append(f'the file says that azimuth 0 is {declared}, it was read with '
                              f'{given}')
-    elif meta['format'] == 'tpoint' and not (declared or given):
+    elif meta['format'] == 'tpoint' and not (declared or given or west):
         meta['notes'].append('azimuth taken from north through east: the file does not say')
     elif meta['format'] == 'tpoint':
         meta['notes'].append(
             'azimuth taken from ' + {'N': 'north', 'S': 'south'}[meta['azimuth_origin']]
-            + ' through east, as ' + ('the file says' if declared else 'it was asked for'))
+            + f' through {"west" if west else "east"}, as '
+            + ('the file says' if declared or west else 'it was asked for'))
 
 
 def _settle_equinox(path, table, given):

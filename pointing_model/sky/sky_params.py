@@ -19,7 +19,7 @@ from msg_tools.units import DEG
 
 from ..mount_kinds import kinds_text
 from ..mounts import parse_mount
-from .site import AIR, DEFAULT_SITE, DEFAULT_WEATHER, SITE, Site, Weather
+from .site import AIR, DEFAULT_SITE, DEFAULT_WEATHER, SITE, Site, Weather, odd_pressure
 
 KIND_OF_MOUNT = Param(
     'mount', 'altaz', f'kind of mount: {kinds_text()}; where the first axis points [deg]',
@@ -54,5 +54,8 @@ def sky_of(node):
     site : Site
     weather : Weather
     """
-    return tuple(kind(*(node.value(name) * one.size for name, one in table.items()))
-                 for kind, table in ((Site, SITE), (Weather, AIR)))
+    site, weather = (kind(*(node.value(name) * one.size for name, one in table.items()))
+                     for kind, table in ((Site, SITE), (Weather, AIR)))
+    for text in odd_pressure(weather.pressure_hpa, site.height):
+        node.get_logger().warning(text)
+    return site, weather

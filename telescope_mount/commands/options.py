@@ -210,17 +210,16 @@ def mount_of(args):
 def place_of(args):
     """Origin of azimuth, site, weather, mount, equinox for reading a run, where options give them.
 
-    Of a site what is given: the rest is what the file gives, see `read_run`.
+    Of site and weather what is given: the rest is what the file gives, see `read_run`.
     """
-    from dataclasses import replace
-
-    from pointing_model.sky.site import DEFAULT_WEATHER, SITE, Site
+    from pointing_model.sky.site import SITE, Site, Weather
     site = {one.field: getattr(args, one.field) * one.size for one in SITE.values()
             if getattr(args, one.field) is not None}
     Site(**site)  # refuses what is out of range
     weather = _given(pressure_hpa=args.pressure, temperature_c=args.temperature)
+    Weather(**weather)
     return _given(azimuth_origin=args.azimuth_origin, mount=args.mount, site=site or None,
-                  weather=replace(DEFAULT_WEATHER, **weather) if weather else None,
+                  weather=weather or None,
                   equinox=None if args.equinox == 'auto' else args.equinox)
 
 

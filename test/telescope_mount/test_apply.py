@@ -20,11 +20,11 @@ import io
 import numpy as np
 import pytest
 
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
-from pointing_model.mounts import Mount
+from pointing_model.mounts import Mount, through_pole
 
 TERMS = {'IA': 412.0 * ARCSEC, 'CA': 25.0 * ARCSEC, 'AN': 30.0 * ARCSEC, 'TF': 15.0 * ARCSEC}
 ZEROS = [{'run': 1, 'az_arcsec': 100.0, 'el_arcsec': -50.0},
@@ -200,7 +200,8 @@ def test_places_of_the_sky_with_and_without_the_model(ended, tmp_path, kind):
                      'Arcturus,2026-07-15T13:30:00Z,213.9153,19.1824,\n')
     code, out, err = ended('apply', tmp_path / 'm.json', given, '--latitude', '34.3',
                            '--longitude', '109', '--pressure', '900')
-    assert code == 0 and err == ''
+    assert code == 0 and err == ('note: refraction for 900 hPa, 10 C, in its place temperature_c '
+                                 'where the file has it\n')
     rows = table(out)
     weather = Weather(900.0, np.array([20.0, 10.0]))
     az, el = icrs_to_observed(
@@ -222,6 +223,51 @@ def test_places_of_the_sky_with_and_without_the_model(ended, tmp_path, kind):
                          '2026-07-15T13:00:00Z,279.2347,38.7837,east\n')
         row, = table(ended('apply', tmp_path / 'm.json', given, '--longitude', '109')[1])
         assert float(row['dec_observed_deg']) < 90.0
+        given.write_text('time,ra_deg,dec_deg,pier_side\n' + ''.join(
+            f'2026-07-15T13:00:00Z,279.2347,38.7837,{side}\n' for side in (0, 1, -1, '')))
+        sides = table(ended('apply', tmp_path / 'm.json', given, '--longitude', '109')[1])
+        assert [float(row['dec_observed_deg']) > 90.0 for row in sides] == [
+            False, True, True, True]  # unknown: with the counterweight down
+
+
+def test_a_table_of_the_axes_is_on_the_side_that_it_says(ended, tmp_path):
+    """Places and readings are then those of the sky, as in a run; through the pole and back."""
+    mount = Mount.equatorial(48.0 * DEG, 'german')
+    values = dict(zip(mount.names.physical, np.array([60, -40, 35, -20, 45, -70, 20]) * ARCSEC))
+    made = PointingModel(values, mount=mount)
+    made.save(tmp_path / 'm.json')
+    given, back = tmp_path / 'in.csv', tmp_path / 'back.csv'
+    given.write_text('ha_deg,dec_deg,pier_side\n30,20,west\n30,20,east\n-30,20,pierWest\n'
+                     '-30,20,\n210,160,west\n')
+    code, out, err = ended('apply', tmp_path / 'm.json', given)
+    assert code == 0 and '2 of 5 rows are through the pole, as pier_side says' in err
+    rows = table(out)
+    read = np.array([[float(row[f'{axis}_enc_deg']) for axis in ('ha', 'dec')] for row in rows])
+    at = np.array([(210, 160), (30, 20), (150, 160), (-30, 20), (210, 160)]) * DEG
+    wanted = np.array(made.sky_to_encoder(*at.T))
+    folded = np.array(through_pole(*wanted, [True, False, True, False, False])).T / DEG
+    assert np.abs(wrap((read - folded) * DEG)).max() < 1e-12
+    back.write_text('ha_enc_deg,dec_enc_deg,pier_side\n' + ''.join(
+        f'{one!r},{other!r},{row["pier_side"]}\n' for (one, other), row in zip(
+            read.tolist(), rows)))
+    again = table(ended('apply', tmp_path / 'm.json', back, '--reverse')[1])
+    for row, first in zip(again, rows):
+        assert [float(row[f'{axis}_deg']) for axis in ('ha', 'dec')] == pytest.approx(
+            [float(first[f'{axis}_deg']) for axis in ('ha', 'dec')], abs=1e-9)
+
+
+def test_the_air_of_places_of_the_sky_is_that_of_the_height(ended, model, tmp_path):
+    given = tmp_path / 'in.csv'
+    given.write_text('time,ra_deg,dec_deg\n2026-07-15T13:00:00Z,279.2347,38.7837\n')
+    place = ('--latitude', '34.3', '--longitude', '109')
+
+    def elevation(*options):
+        code, out, err = ended('apply', model[0], given, *place, *options)
+        assert code == 0 and 'refraction for' in err
+        return float(table(out)[0]['el_observed_deg'])
+    assert elevation('--height', '2400') == pytest.approx(
+        elevation('--height', '2400', '--pressure', '756.26'), abs=1e-6)
+    assert elevation() > elevation('--height', '2400') + 1e-3
 
 
 @pytest.mark.parametrize('text, options, words', [

@@ -105,6 +105,38 @@ def test_a_track_without_a_site_asks_for_it(refused, folder, tmp_path):
         'satellite', path, '--object', 'A01', *orbits(folder))
 
 
+def test_the_air_and_the_side_that_a_track_gives_are_taken(folder, tmp_path):
+    from pointing_model.mounts import through_pole
+    from telescope_mount.track_loader import load_tracks
+    path = tmp_path / 'track.csv'
+    head = ('# mount: german\n# latitude_deg: 34.3\n# longitude_deg: 109\n# height_m: 500\n'
+            '{}time,ha_enc_deg,dec_enc_deg{}\n')
+    rows = ['2017-12-03T01:00:00Z,-40,20', '2017-12-03T01:01:00Z,30,-25']
+
+    def read(declared='', sides=None, **given):
+        path.write_text(head.format(declared, '' if sides is None else ',pier_side') + '\n'.join(
+            row + ('' if sides is None else f',{side}')
+            for row, side in zip(rows, sides or rows)))
+        return load_tracks([path], [folder / 'A01.sp3'], **given)
+    plain = read()
+    assert plain.weather.pressure_hpa == pytest.approx([954.6] * 2, abs=0.1)
+    assert any('refraction for 954.6 hPa' in note for note in plain.notes)
+    air = '# pressure_hpa: 0\n# temperature_c: -7\n'
+    for given, pressure in ((None, 0.0), ({'pressure_hpa': 940.0}, 940.0)):
+        weather = read(air, weather=given).weather
+        assert weather.pressure_hpa.tolist() == [pressure] * 2
+        assert weather.temperature_c.tolist() == [-7.0] * 2
+    beyond = np.array([True, True])
+    sides = read(sides=['west', 'pierWest']).columns
+    wanted = through_pole(plain.columns['az_enc'], plain.columns['el_enc'], beyond)
+    assert np.allclose(np.exp(1j * np.array([sides['az_enc'], sides['el_enc']])),
+                       np.exp(1j * np.array(wanted)), atol=1e-12)
+    assert read(sides=['pierEast', 'e']).columns['el_enc'].tolist() == plain.columns[
+        'el_enc'].tolist()
+    with pytest.raises(ValueError, match='pier_side is unknown in 1 of 2 rows'):
+        read(sides=['west', 'unknown'])
+
+
 def test_rows_of_a_log_find_their_orbits_by_number(folder, tmp_path, monkeypatch):
     from telescope_mount import track_loader
     paths = [folder / f'{name}.sp3' for name in ('A01', 'B02', 'C03')]

@@ -20,15 +20,16 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import is_beyond, sides, through_pole
-from pointing_model.runs.run import column_name, known_site
+from pointing_model.runs.run import known_site
 
 from . import equinox
 from .checks import PAIRS
-from .declarations import standard_pressure
 from .pier_side import note_counterweight, through_the_pole
 from .solve_columns import are_images, refuse_hours
 
 _NEAR = 10.0 * DEG  # zeros of readings of an alt-azimuth mount are smaller, or one for all rows
+#: elevation below which one row or two are not beyond the zenith, and how many are
+_LOW, _FEWEST = 60.0 * DEG, 3
 _MOST = 0.9  # of the rows are near their places, where some are beyond the zenith
 
 
@@ -288,6 +289,9 @@ def rows_beyond_zenith(place, reads, sound):
     half = (np.cos(turn) < 0.0) & (np.abs(wrap(turn + np.pi)) * np.cos(place[1]) < _NEAR)
     # nearer to the zenith an axis that leans swings the azimuth as far
     folded = sound & ~high & half & near[0] & (place[1] < 0.5 * np.pi - _NEAR)
+    # a single one far from the zenith has a wrong azimuth
+    low = folded & (place[1] < _LOW)
+    folded &= ~low | (low.sum() >= _FEWEST)
     beyond = sound & high & half & near[1] | folded
     straight = sound & ~beyond & near[0] & (np.abs(turn) * np.cos(place[1]) < _NEAR)
     most = (beyond | straight).sum() >= _MOST * sound.sum()
@@ -339,27 +343,17 @@ def _keep_written(path, table, pairs, side, mount):
 
 
 def _air(columns, rows, site, weather, meta):
-    """Weather of each row: its own columns, else what was given, else a standard atmosphere."""
-    from pointing_model.sky.site import Weather
-    given = meta.get('weather')
-    if weather is None and given:
-        weather = Weather(**{'pressure_hpa': standard_pressure(site.height), **given})
-        text = (f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C, as the '
-                'file says')
-    elif weather is None:
-        pressure = standard_pressure(site.height)
-        weather = Weather(pressure_hpa=pressure, temperature_c=10.0)
-        text = f'refraction for {pressure:.0f} hPa, 10 C (standard atmosphere at the site)'
+    """`site.air_of_rows`, or the weather that was given as a whole."""
+    from pointing_model.sky.site import Weather, air_of_rows
+    own = {name: columns[name][rows] for name in ('pressure', 'temperature') if name in columns}
+    if isinstance(weather, Weather):
+        declared, weather = None, vars(weather)
     else:
-        text = f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C'
-    own = {}
-    for name, column in (('pressure_hpa', 'pressure'), ('temperature_c', 'temperature')):
-        values = columns.get(column, np.full(len(rows), np.nan))[rows]
-        own[name] = np.where(np.isfinite(values), values, getattr(weather, name))
-        if np.isfinite(values).any():
-            text += f', in its place {column_name(column)} where the file has it'
-    meta['notes'].append(text)
-    return Weather(humidity=weather.humidity, wavelength_um=weather.wavelength_um, **own)
+        declared = meta.get('weather')
+    height = site.height if 'height' in known_site(meta) else None
+    air, notes = air_of_rows(height, **own, declared=declared, given=weather)
+    meta['notes'] += notes
+    return air
 
 
 def read_offsets(table):

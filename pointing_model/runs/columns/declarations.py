@@ -113,8 +113,3 @@ def declare(out, key, value, where):
     if not one.low <= number <= one.high:
         raise ValueError(f'{where}: {key} {number:g} is outside {one.low:g} to {one.high:g}')
     out.setdefault(part, {})[one.field] = number * one.size
-
-
-def standard_pressure(height):
-    """Pressure of a standard atmosphere at a height in metres, hPa."""
-    return 1013.25 * (1.0 - 2.25577e-5 * height) ** 5.25588

@@ -52,31 +52,14 @@ def through_the_pole(path, table, side, hour_angle):
     ValueError
         Other cells, or no side in any row.
     """
-    cells = [str(v).strip().lower().removeprefix('pier').lstrip(' _') for v in side.tolist()]
-    reads = _readings(set(cells))
-    if not reads:
-        others = sorted(set(cells) - {'east', 'west', 'e', 'w', *_UNKNOWN})
-        raise ValueError(f'{path}: pier_side holds {", ".join(c[:20] for c in others[:4])}; give '
-                         'east or west (west: through the pole), 1 or -1, or 0 or 1; unknown or '
-                         'nothing where it is not known')
-    east = wrap(hour_angle) < 0.0
-    # 1: through the pole; NaN
-    each = [np.array([read[cell] for cell in cells]) for read in reads]
     seen = (table.reasons == 0) & np.isfinite(hour_angle)
-    share = [np.sum((values == east) & seen) / max(np.sum(np.isfinite(values) & seen), 1)
-             for values in each]
-    by_ascom = len(each) > 1 and share[1] > share[0]
-    values = each[int(by_ascom)]
+    values, note = sides_of(path, side.tolist(), hour_angle, seen)
     known = np.isfinite(values)
-    if by_ascom:
-        table.meta['notes'].append(
-            'pier_side has 1 and no 0: taken as ASCOM has it, 1 west (through the pole) and -1 '
-            f'unknown. The counterweight is then down in {100.0 * share[1]:.0f} % of the rows, '
-            f'else in {100.0 * share[0]:.0f} %')
+    table.meta['notes'] += note
     if not known.any():
         raise ValueError(f'{path}: pier_side is unknown in every row; leave the column out if no '
                          'row is through the pole')
-    beyond, sound = values == 1.0, known & seen
+    beyond, sound, east = values == 1.0, known & seen, wrap(hour_angle) < 0.0
     down = beyond == east  # the counterweight hangs below the tube
     if not known.all():
         _place_unknown(table, known, sound, beyond, down, hour_angle)
@@ -107,6 +90,50 @@ def note_counterweight(table, beyond, hour_angle):
             'the readings have the counterweight up in every row. If it was down, the hour angles '
             'count eastward: change their sign, of star and reading (else IH, CH, NP and MA have '
             'the wrong sign)')
+
+
+def sides_of(path, cells, hour_angle, sound):
+    """Sides of the pier by their cells.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    cells : sequence, shape (n,)
+        Text or numbers.
+    hour_angle : ndarray, shape (n,)
+        Of the stars, radians, west positive.
+    sound : ndarray of bool, shape (n,)
+        Rows by which it is told what a 1 without a 0 means.
+
+    Returns
+    -------
+    values : ndarray, shape (n,)
+        1: through the pole, 0: not; NaN: unknown.
+    notes : list of str
+
+    Raises
+    ------
+    ValueError
+        Other cells than those of `through_the_pole`.
+    """
+    cells = [str(v).strip().lower().removeprefix('pier').lstrip(' _') for v in cells]
+    reads = _readings(set(cells))
+    if not reads:
+        others = sorted(set(cells) - {'east', 'west', 'e', 'w', *_UNKNOWN})
+        raise ValueError(f'{path}: pier_side holds {", ".join(c[:20] for c in others[:4])}; give '
+                         'east or west (west: through the pole), 1 or -1, or 0 or 1; unknown or '
+                         'nothing where it is not known')
+    east = wrap(hour_angle) < 0.0
+    each = [np.array([read[cell] for cell in cells]) for read in reads]
+    down = [np.sum((values == east) & sound) / max(np.sum(np.isfinite(values) & sound), 1)
+            for values in each]
+    if len(each) < 2 or not down[1] > down[0]:
+        return each[0], []
+    return each[1], [
+        'pier_side has 1 and no 0: taken as ASCOM has it, 1 west (through the pole) and -1 '
+        f'unknown. The counterweight is then down in {100.0 * down[1]:.0f} % of the rows, '
+        f'else in {100.0 * down[0]:.0f} %']
 
 
 def _readings(cells):

@@ -53,7 +53,9 @@ def read(path, lines):
     Returns
     -------
     RunTable
-        ``meta['told_origin']`` is what a comment says of azimuth 0: 'N', 'S' or None.
+        ``meta['told_origin']`` is what a comment says of azimuth 0: 'N', 'S' or None. Where it
+        says that azimuth 90 is west the azimuths are those that count through east, and
+        ``meta['told_west']`` is there.
 
     Raises
     ------
@@ -62,7 +64,8 @@ def read(path, lines):
     """
     comments = ' '.join(line for line in lines if line.lstrip().startswith('!'))
     # the first mention counts: a comment may go on about what another program does
-    origin = re.search(r'\b(N|S|North|South)\s*=\s*0\b', comments, re.IGNORECASE)
+    origin = re.search(r'\b(N|S|North|South)\s*=\s*0(?:\.0*)?(?![.\d])', comments, re.IGNORECASE)
+    sense = re.search(r'\b(E|W|East|West)\s*=\s*90(?:\.0*)?(?![.\d])', comments, re.IGNORECASE)
     meta = {'format': 'tpoint', 'notes': [],
             'told_origin': origin.group(1)[0].upper() if origin else None}
     body, commented = _body(lines, meta)
@@ -116,6 +119,10 @@ def read(path, lines):
     table = RunTable(columns, rows.lines, meta, rows.reasons, commented=commented)
     table.exclude(np.array([line.startswith('#') for _, line in body]),
                   'rejected by the observers (#)')
+    if sense is not None and sense.group(1)[0].upper() == 'W':
+        for name in (REQUIRED[0], REQUIRED[2]):
+            columns[name] = np.mod(-columns[name], 360.0)
+        meta['told_west'] = True
     return table
 
 

@@ -237,3 +237,16 @@ def test_a_night_through_the_zenith(name, mount):
     off = [(terms[n] / ARCSEC - TRUE[n]) for n in TRUE]
     assert len(run) == 60 and result.rms_arcsec().radial == pytest.approx(0.71, abs=0.02)
     assert np.all(np.abs(off) < 3.0 * result.sigma / ARCSEC)
+
+
+@pytest.mark.parametrize('off', [170.0, 187.0])
+def test_one_azimuth_half_a_turn_off_is_an_outlier(tmp_path, off):
+    run = beyond_zenith(part=0.0)
+    low = int(np.argmin(run['el']))
+    run['az_enc'][low] += off * DEG
+    read = read_run(written(tmp_path / 'run.csv', run))
+    result = fit_terms(read)
+    assert not is_beyond(read['el']).any()
+    off = [result.model.terms[name] / ARCSEC - TRUE[name] for name in TRUE]
+    assert np.all(np.abs(off) < 4.0 * result.sigma / ARCSEC)
+    assert np.flatnonzero(result.weights == 0.0).tolist() == [low]

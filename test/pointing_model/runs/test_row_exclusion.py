@@ -17,6 +17,7 @@
 import numpy as np
 import pytest
 
+from pointing_model.mounts import Mount, through_pole
 from pointing_model.runs.row_exclusion import REASON, excluded_rows, without_excluded
 from pointing_model.runs.run import PointingRun
 
@@ -39,6 +40,20 @@ def run():
 ])
 def test_rows_are_meant_by_number_range_and_condition(run, text, rows):
     assert np.flatnonzero(excluded_rows(run, text)).tolist() == list(rows)
+
+
+@pytest.mark.parametrize('kind', ['german', 'equatorial'])
+def test_angles_of_an_equatorial_mount_are_those_of_the_sky(kind):
+    mount, rng = Mount.equatorial(np.radians(48.0), kind), np.random.default_rng(1)
+    ha, dec = np.radians(rng.uniform(-90.0, 90.0, 80)), np.radians(rng.uniform(-20.0, 85.0, 80))
+    axes = through_pole(ha, dec, (ha < 0.0) & mount.two_sided)
+    run = PointingRun({'az': axes[0], 'el': axes[1], 'az_enc': axes[0], 'el_enc': axes[1]},
+                      {'lines': np.arange(2, 82), 'mount': mount})
+    az, el = mount.horizon_of(ha, dec)
+    for text, rows in (('ha<0', ha < 0.0), ('dec_deg>60', dec > np.radians(60.0)),
+                       ('el<20', el < np.radians(20.0)),
+                       ('az_deg>180', np.mod(az, 2.0 * np.pi) > np.pi)):
+        assert 0 < rows.sum() < 80 and np.array_equal(excluded_rows(run, text), rows), text
 
 
 def test_the_rest_says_what_was_left_out(run):

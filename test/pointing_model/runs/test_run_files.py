@@ -378,9 +378,9 @@ def test_places_from_icrs(read):
     none = read(ICRS, site=SITE, weather=Weather(0.0, 13.0, 0.75, 0.55))
     assert (run['el'] - none['el'])[0] / ARCSEC == pytest.approx(
         58.3 * 741 / 1010 / np.tan(none['el'][0]), rel=0.05)
-    own = ICRS.replace('time,', 'time,pressure_hpa,', 1).replace('Z,', 'Z,0,').replace(
+    own = ICRS.replace('time,', 'time,pressure_hpa,', 1).replace('Z,', 'Z,{},').replace(
         ',,1', ',,,1')
-    assert read(own, site=SITE)['el'] == pytest.approx(none['el'], abs=1e-12)
+    assert np.all(read(own.format(780, 741, 741), site=SITE)['el'] > run['el'])
 
 
 def test_places_from_icrs_with_azimuth_from_south(read):
@@ -399,11 +399,40 @@ def test_places_from_icrs_with_azimuth_from_south(read):
     (ICRS.replace('time', 'when'), {'site': SITE}, ['no column time']),
     (ICRS.replace('2021-08-21T09:00:00Z', '32400').replace('2021-08-21T04:36:01.5Z', '1'),
      {'site': SITE}, ['time in UTC']),
-    (ICRS.replace('time,', 'time,temperature_c,').replace('Z,', 'Z,283.15,').replace(
-        ',,1', ',,9,1'), {'site': SITE}, ['temperature 283.15 is outside']),
+    (ICRS, {'site': SITE, 'weather': {'pressure_hpa': 29.9}}, ['pressure 29.9 is no pressure']),
 ])
 def test_icrs_refused(read, text, options, words, refuse):
     refuse(text, *words, **options)
+
+
+@pytest.mark.parametrize('column, value', [
+    ('pressure_hpa', 0), ('pressure_hpa', -999), ('pressure_hpa', 22.2), ('pressure_hpa', 75.2),
+    ('pressure_hpa', 564.0), ('temperature_c', 283.15), ('temperature_c', -999)])
+def test_air_that_cannot_be_is_not_measured(read, column, value):
+    text = ICRS.replace('time,', f'time,{column},', 1).replace('Z,', f'Z,{value},').replace(
+        ',,1', ',,,1')
+    run, bare = read(text, site=SITE), read(ICRS, site=SITE)
+    assert run['el'] == pytest.approx(bare['el'], abs=1e-12)
+    assert any(f'{value:g}' in note and 'taken as not measured' in note
+               for note in run.meta['notes'])
+    if value < 1:
+        return
+    # where the height is not known the air may be that of any telescope
+    run = read(text, site={'latitude': SITE.latitude, 'longitude': SITE.longitude})
+    assert any('not measured' in note for note in run.meta['notes']) == (value != 564.0)
+
+
+def test_one_number_of_the_air_leaves_the_others_as_they_are(read):
+    head = '# pressure_hpa: 741\n# temperature_c: 2\n'
+    whole = read(head + ICRS, site=SITE)
+    for given, same in (({'temperature_c': 2.0}, True), ({'pressure_hpa': 741.0}, True),
+                        ({'temperature_c': 12.0}, False)):
+        run = read(head + ICRS, site=SITE, weather=given)
+        assert np.allclose(run['el'], whole['el'], rtol=0.0, atol=1e-12) == same
+    high = read(ICRS, site=SITE, weather={'temperature_c': 10.0})
+    assert high['el'] == pytest.approx(read(ICRS, site=SITE)['el'], abs=1e-12)
+    notes = read(ICRS, site=SITE, weather={'pressure_hpa': 1013.0}).meta['notes']
+    assert any('737 hPa is usual at a height of 2608 m' in note for note in notes)
 
 
 def test_places_and_readings_are_kept_as_they_were_written(read):

@@ -106,6 +106,20 @@ def test_tpoint_azimuth_origin_from_a_comment(read, comment, origin):
     assert any('the file says' in note for note in forced.meta['notes'])
 
 
+@pytest.mark.parametrize('comment, expected, said', [
+    ('! azimuth S=0, W=90', [190, 170], 'south through west, as the file says'),
+    ('! azimuth N=0, W=90.0', [350, 10], 'north through west, as the file says'),
+    ('! counts to West = 90', [350, 10], 'north through west, as the file says'),
+    ('! seeing S = 0.35 arcsec', [10, 350], 'the file does not say')])
+def test_the_sense_of_azimuth_is_read_from_a_comment(read, comment, expected, said):
+    run = read(comment + '\n' + TPOINT)
+    assert wrap(run['az'] - np.array(expected) * DEG) == pytest.approx([0, 0], abs=1e-12)
+    east = read(TPOINT)
+    assert run.offsets()[0] == pytest.approx(
+        east.offsets()[0] * (-1.0 if 'north through west' in said else 1.0))
+    assert any(said in note for note in run.meta['notes'])
+
+
 @pytest.mark.parametrize('text, words', [
     (TPOINT.replace(': ALTAZ\n', ''), ['ALTAZ', 'EQUAT']),
     (TPOINT.replace('-30 14', 'latitude 14'), ['row 5', 'latitude']),
