@@ -31,6 +31,7 @@ that computed it, in radians (`Run.rows`, `Fit.result`, `RunDiagnosis.result`).
 These names are kept: what is here now stays, with its meaning and its unit, within a major version.
 """
 
+import re
 from functools import cached_property, wraps
 from pathlib import Path
 from types import SimpleNamespace
@@ -43,6 +44,7 @@ from calibration.analysis.diagnosis import diagnose as _diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
 from calibration.report.documents import fit_document, run_diagnosis_document
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from msg_tools.whole_files import write_text
 from pointing_model import model_application as _apply
@@ -327,7 +329,7 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
     ----------
     run : Run, PointingRun, str or Path
         A path is read as `read_run` does.
-    terms : sequence of str, optional
+    terms : sequence of str, or str with commas, optional
         By default the seven physical terms of the mount.
     encoder : {'enc', 'abs'}
         Which pair of encoder columns.
@@ -343,13 +345,15 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
     ValueError
         Too few usable rows, unknown terms, or columns that are not what they are named.
     """
+    if isinstance(terms, str):
+        terms = [name for name in re.split(r'[,+\s]+', terms) if name]
     found = fit_run(_rows(run), terms, encoder=encoder, robust=robust)
     return Fit(Run(found.run), found.terms, fit_document(found))
 
 
 @_one_thread
 def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', seed=0,
-             progress=None, jobs=1):
+             progress=None, first_answer=None, jobs=1):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -365,7 +369,9 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
     encoder : {'enc', 'abs'}
     seed : int
         Of the resampling.
-    progress : callable, optional
+    progress, first_answer : callable, optional
+        As of `calibration.analysis.diagnosis.diagnose`: what is being done; the effects before the
+        cross-validation, as text.
     jobs : int
         See `calibration.analysis.diagnosis.diagnose`: with so many processes at a time, of which
         this one is forked, the same result comes sooner.
@@ -388,7 +394,9 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
     checked = [check_columns(each, encoder) for each in (runs, held)]
     (runs, held), _ = settled_together(runs, held, encoder=encoder)
     return RunDiagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,
-                               seed=seed, progress=progress, jobs=jobs, checked=checked))
+                               seed=seed, progress=progress, jobs=jobs, checked=checked,
+                               first_answer=first_answer and (
+                                   lambda found: first_answer(wording(found)))))
 
 
 def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=None,

@@ -31,7 +31,7 @@ from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
 from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.plate_solves.solvers import NotSolved, find_solver
 from pointing_model.sky.places import observed_directions
-from pointing_model.sky.site import DEFAULT_WEATHER, Site
+from pointing_model.sky.site import Site, air_at
 
 from .bolt_watch import COLLECTED, STOPPED, THREE, BoltWatch
 
@@ -184,7 +184,7 @@ def image_of(solution, sigma, moment, first, second, site, name, air=None, frame
     icrs = to_icrs(*(np.atleast_1d(v * DEG) for v in (solution.ra_deg, solution.dec_deg)),
                    frame or solution.frame or ICRS, time_of)
     known = {key: value for key, value in (air or {}).items() if value is not None}
-    seen = observed_directions(*icrs, time_of, site, replace(DEFAULT_WEATHER, **known))
+    seen = observed_directions(*icrs, time_of, site, air_at(site.height, known))
     az, el = float(seen.az[0]), float(seen.el[0])
     return Image(first, second, unit_vector(az, el), float(np.hypot(sigma * ARCSEC, _SEEING)),
                  moment, name)

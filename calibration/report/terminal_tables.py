@@ -261,14 +261,15 @@ def fit_tables(found, document, verbose=True, files=0):
                       'arcsec radial, fit residuals')
         tables += [*harmonic_tables(found.harmonics),
                    *(f'note: {note}' for note in document['harmonics']['notes'])]
-    if found.predicted:
-        predicting = predicting_tables(found.predicted, run.mount)
-        urgent += [part for part in predicting if isinstance(part, str)]
-        tables += [part for part in predicting if not isinstance(part, str)]
+    shown = steps
+    if found.predicted:  # what is saved is the prediction: its errors come first
+        shown, *parts = predicting_tables(found.predicted, run.mount)
+        urgent += [part for part in parts if isinstance(part, str)]
+        tables += [*(part for part in parts if not isinstance(part, str)), steps]
     if found.base:
         tables += [base_table(found.base, found.plain),
                    *(f'note: {wording(note)}' for note in found.base.notes)]
-    return layered([used_sentence(document), terms_table(result.term_rows()), steps, *alarms],
+    return layered([used_sentence(document), terms_table(result.term_rows()), shown, *alarms],
                    [*urgent, *details, *tables, *statistics], verbose, files)
 
 
@@ -297,7 +298,7 @@ def predicting_tables(found, mount):
     Returns
     -------
     list
-        As `fit_tables`.
+        As `fit_tables`; the first is the table of errors.
     """
     chosen = new_table(f'Parts of the prediction, arcsec, beside {len(found.model.terms)} terms',
                        'part', 'coefficients', 'RMS on these stars')
@@ -307,20 +308,21 @@ def predicting_tables(found, mount):
     if rest > 0:
         chosen.add_row(f'{rest} smaller ones', str(sum(
             part['columns'] for part in found.parts[_PARTS:])), '')
-    errors = new_table(f'RMS on the sky, arcsec, all {found.rows} rows, outliers too', 'rows',
+    errors = new_table(f'Prediction: RMS on the sky, arcsec, all {found.rows} rows; no cause is '
+                       'claimed', 'rows',
                        *mount.names.columns, 'radial')
-    for label, one in (('cross-validated in blocks of time, terms', found.blocks_before),
-                       ('cross-validated in blocks of time, all', found.blocks)):
+    for label, one in (('validated by blocks of time, terms alone', found.blocks_before),
+                       ('validated by blocks of time, prediction', found.blocks)):
         if one is not None:
             errors.add_row(label, *_rms_cells(one._asdict()))
     if found.after:
-        for label, each in (('cross-validated, random folds, terms', found.before),
-                            ('cross-validated, random folds, all', found.after)):
+        for label, each in (('validated by random rows, terms alone', found.before),
+                            ('validated by random rows, prediction', found.after)):
             errors.add_row(label, *_rms_cells({
                 key: sum(getattr(one, key) for one in each) / len(each)
                 for key in ('x', 'y', 'radial')}))
-    errors.add_row('fit residuals', *_rms_cells(found.fitted._asdict()))
-    return [*([chosen] if found.parts else []), errors, *map(wording, found.findings())]
+    errors.add_row('prediction, fit residuals', *_rms_cells(found.fitted._asdict()))
+    return [errors, *([chosen] if found.parts else []), *map(wording, found.findings())]
 
 
 def _strong_correlations(result):

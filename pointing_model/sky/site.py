@@ -232,7 +232,7 @@ def odd_pressure(pressure, height):
     if pressure == 0.0 or abs(pressure / usual - 1.0) < _UNLIKE:
         return []
     return [f'pressure {pressure:.0f} hPa, where {usual:.0f} hPa is usual at a height of '
-            f'{height:.0f} m: give that at the mount, not reduced to sea level, and its height']
+            f'{height:.0f} m. Give that at the mount, not reduced to sea level']
 
 
 def _is_other_unit(pressure, height):

@@ -136,12 +136,10 @@ def refraction_of(args, latitude):
     """By how much the pole that is meant is above the true one, rad."""
     if args.pole == 'true':
         return 0.0
-    from dataclasses import replace
-
     from pointing_model.sky.satellite_place import refracted
-    from pointing_model.sky.site import DEFAULT_WEATHER
+    from pointing_model.sky.site import air_at
     given = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
-    weather = replace(DEFAULT_WEATHER, **{k: v for k, v in given.items() if v is not None})
+    weather = air_at(args.height or 0.0, {k: v for k, v in given.items() if v is not None})
     return float(refracted(abs(latitude), weather) - abs(latitude))
 
 

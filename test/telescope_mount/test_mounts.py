@@ -54,7 +54,7 @@ def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path, monkeypa
     _, out, _ = ended('fit', german_csv, '--predict', '--verbose', '--save', model, '--json',
                       figures)
     for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Parts of the prediction',
-                 'cross-validated in blocks of time, all', 'No cause is claimed'):
+                 'validated by blocks of time, prediction', 'No cause is claimed'):
         assert word in out, word
     assert json.loads(model.read_text())['mount']['kind'] == 'german'
     # all keys are there, whatever was asked

@@ -88,8 +88,7 @@ def note_counterweight(table, beyond, hour_angle):
     if sound.sum() >= _FEWEST and not down[sound].any():
         table.meta['notes'].append(
             'the readings have the counterweight up in every row. If it was down, the hour angles '
-            'count eastward: change their sign, of star and reading (else IH, CH, NP and MA have '
-            'the wrong sign)')
+            'count eastward: change the sign of all (else IH, CH, NP, MA have the wrong one)')
 
 
 def sides_of(path, cells, hour_angle, sound):
