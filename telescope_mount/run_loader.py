@@ -246,7 +246,8 @@ def run_of_log(path, satellites=False):
     columns['az_raw'], columns['el_raw'] = _readings(columns, not run.mount.vertical
                                                      and is_beyond(run['el']))
     if zeros:
-        notes.append(f'the zeros that the night set on {len(zeros)} power-ons are taken off')
+        notes.append(f'the zero that the night set on each of {len(zeros)} power-ons is taken off'
+                     if len(zeros) > 1 else 'the zero that the night set is taken off')
         az, el = zeros.filled(np.unique(run['run']), NO_ZERO).row_angles(run)
         columns['az_enc'], columns['el_enc'] = columns['az_enc'] - az, columns['el_enc'] - el
     columns['az_enc'] = run['az'] + wrap(columns['az_enc'] - run['az'])

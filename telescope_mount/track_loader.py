@@ -165,7 +165,7 @@ def _read(path, site, mount):
     lines = read_lines(path)
     if not content(lines):
         raise ValueError(f'{path} is empty; give a CSV file with a header row')
-    table, declared = Cells(path, lines), declarations(path, lines)
+    table, declared = Cells(path, lines), declarations(path, lines, header=True)
     header = set(table.header)
     kind = next((names for names, _ in OTHER_NAMES
                  if f'{names.columns[0]}_enc_deg' in header), ALTAZ.names)

@@ -117,7 +117,9 @@ class Reader:
         found = sorted(self.path.glob(f'*{self.SUFFIX}'), key=_natural)
         files += [file for file in found if file not in files and file.is_file()]
         if not files:
-            raise ValueError(f'{self.path} holds no {self.SUFFIX} file')
+            names = sorted(one.name for one in self.path.iterdir() if one.is_file())[:3]
+            raise ValueError(f'{self.path} holds no {self.SUFFIX} file'
+                             + (f'; to read another, name it: {", ".join(names)}' if names else ''))
         return files
 
     def _qos_of(self, topic, text):

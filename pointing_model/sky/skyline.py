@@ -203,8 +203,12 @@ def parse_horizon(text):
     if not text:
         return []
     if re.search(r'[^\d\s.,;+\-eE]', text):
-        with open(text, encoding='utf-8-sig') as file:
-            text = ','.join(line.partition('#')[0] for line in file)
+        try:
+            with open(text, encoding='utf-8-sig') as file:
+                text = ','.join(line.partition('#')[0] for line in file)
+        except FileNotFoundError:
+            raise FileNotFoundError(f'{text[:60]!r} is no file, nor corners as "0 12, 45 20.5": '
+                                    'azimuth and elevation, degrees') from None
     points = []
     for corner in re.split(r'[;,\n]', text):
         if not corner.strip():

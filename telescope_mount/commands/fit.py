@@ -21,9 +21,10 @@ def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'fit', help='fit pointing terms to a measured run',
-        description='Read a pointing run (CSV, TPOINT, or a log of ours) and print the terms and '
+        description='Read a pointing run and print the terms and '
         'the error before and after.')
-    parser.add_argument('file', type=options.log_path, metavar='RUN')
+    parser.add_argument('file', type=options.log_path, metavar='RUN',
+                        help='a file of pointings of any kind in docs/your_own_file.md, or a log')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
                         'physical terms of the mount)')
     options.add(parser, 'exclude', 'encoder', 'azimuth-origin', 'mount')

@@ -25,7 +25,7 @@ def add(commands):
         description='Go through a pointing run (CSV, or a log of ours) in time with an adaptive '
         'model. Print the error of each prediction, what jumped and drifted, and whether the '
         'expected errors hold.')
-    parser.add_argument('file', type=options.log_path, metavar='RUN')
+    parser.add_argument('file', type=options.log_path, metavar='RUN', help='as of fit')
     parser.add_argument('--model', type=options.model_path, metavar='MODEL',
                         help='to begin with (default: fitted to the first stars)')
     parser.add_argument('--first', type=options.whole(4, 100000), metavar='N',

@@ -26,7 +26,8 @@ def add(commands):
         description='Read zeros of power-ons, a row each (CSV: zero_az_arcsec, zero_el_arcsec, '
         'temperature_c, supply_v, since_h, side, time), and print what they follow. A last row '
         'without zeros is tonight: its zero is predicted.')
-    parser.add_argument('file', type=Path, metavar='FILE')
+    parser.add_argument('file', type=Path, metavar='FILE',
+                        help='CSV with a zero of each power-on (docs/zero_drift.md)')
     options.add_verbose(parser, 'notes')
     options.add_outputs(parser, 'the verdict', save='', report=False)
 

@@ -78,7 +78,10 @@ class Base:
             else:
                 several = getattr(mount.names, part) if part in _SETS else (part,)
                 terms += [t for t in several if t not in terms]
-        known_terms(terms, mount)
+        try:
+            known_terms(terms, mount)
+        except ValueError as error:
+            raise ValueError(f'{error}; or {", ".join(_SETS)}, sh13, or a model file') from None
         known_terms(own, mount)
         return cls(tuple(terms), degree, tuple(own), interpretation)
 

@@ -25,10 +25,11 @@ NUMBERS = {key: (part, one) for part, table in (('site', SITE), ('weather', AIR)
            for key, one in table.items()}
 _KEYS = ('frame', 'readings', 'mount', 'unsolved', *NUMBERS)
 _LINE = re.compile(r'#\s*([A-Za-z_]+)\s*[:=]\s*(\S.*?)\s*')
+_NUMBER = re.compile(rf'#\s*({"|".join(NUMBERS)})\s+([-+.\d]\S*)')
 
 
-def declarations(path, lines):
-    """Comments ``# key: value`` before the first row that is none.
+def declarations(path, lines, header=False):
+    """Comments ``# key: value`` before the first row; of numbers ``# key value``, too.
 
     Parameters
     ----------
@@ -36,6 +37,8 @@ def declarations(path, lines):
         For messages.
     lines : list of str
         Of the file.
+    header : bool
+        Whether the first row names the columns: comments below it count as those above.
 
     Returns
     -------
@@ -54,8 +57,11 @@ def declarations(path, lines):
         if not line.strip():
             continue
         if not line.lstrip().startswith('#'):
-            break
-        found = _LINE.fullmatch(line.strip())
+            if not header:
+                break
+            header = False
+            continue
+        found = _LINE.fullmatch(line.strip()) or _NUMBER.fullmatch(line.strip())
         if not found:
             continue
         key, value = found[1].lower(), found[2]

@@ -80,7 +80,7 @@ def read(path, lines, encoder=None):
     _require(path, header, encoder, names)
     if not len(cells):
         raise run_table.NoObservations(f'{path} has a header row but no observations')
-    columns, meta = {}, {'format': 'csv', **declarations(path, lines)}
+    columns, meta = {}, {'format': 'csv', **declarations(path, lines, header=True)}
     if {'az', 'el'} <= {by_header.get(name) for name in header if name in HORIZON_NAMES}:
         meta['from_horizon'] = True
     for i, header_name in enumerate(header):

@@ -15,6 +15,7 @@
 """Pointing runs in TPOINT format 4, its form of equatorial mounts, and the short forms."""
 
 import re
+from datetime import date
 
 import numpy as np
 
@@ -73,9 +74,9 @@ def read(path, lines):
         raise ValueError(f'{path} holds only comments')
     meta['caption'] = body.pop(0)[1]
     body = [(number, line) for number, line in body if not line.startswith('#') or _rejected(line)]
-    date = re.search(r'\b(\d{4}-\d\d-\d\d)', meta['caption'], re.ASCII)
-    if date:
-        meta['date'] = date.group(1)
+    caption_date = re.search(r'\b(\d{4}-\d\d-\d\d)', meta['caption'], re.ASCII)
+    if caption_date:
+        meta['date'] = caption_date.group(1)
     options = [line[1:].strip().upper() for _, line in body if line.startswith(':')]
     body = [(number, line) for number, line in body if not line.startswith(':')]
     if body and body[0][1].upper() in ('A', 'E'):
@@ -188,6 +189,11 @@ def _run_parameters(path, number, line, meta):
     meta['site'] = {'latitude': float(sign * latitude * DEG)}
     if len(values) >= 6:
         meta['date'] = '{:04.0f}-{:02.0f}-{:02.0f}'.format(*values[3:6])
+        try:
+            date.fromisoformat(meta['date'])
+        except ValueError:
+            raise ValueError(f'{where}: {line[:60]!r} has no date behind the latitude: write year, '
+                             'month, day') from None
     if len(values) >= 8:
         meta['weather'] = {'temperature_c': values[6], 'pressure_hpa': values[7]}
     if len(values) >= 9:

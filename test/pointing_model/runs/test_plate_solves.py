@@ -93,6 +93,10 @@ def test_comments_declare():
     assert told['sky_frame'] == ICRS and told['site'] == {'latitude': -30.5 * DEG}
     assert told['weather'] == {'pressure_hpa': 0.0}
     assert told['notes'] == ["row 5: comment 'longitud_deg' not read; did you mean longitude_deg?"]
+    below = ['# height_m 500', 'time,ra_deg', '# temperature_c: 4', '1,2', '# humidity: 0.1']
+    told = declarations('run.csv', below, header=True)
+    assert told['site'] == {'height': 500.0} and told['weather'] == {'temperature_c': 4.0}
+    assert 'weather' not in declarations('run.csv', below)
 
 
 ROWS = ('time,ra_deg,dec_deg,az_enc_deg,el_enc_deg\n'
