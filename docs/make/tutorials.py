@@ -42,14 +42,13 @@ from pointing_model.sky.places import observed_to_icrs, sidereal_time  # noqa: E
 from pointing_model.sky.site import DEFAULT_SITE, Weather  # noqa: E402
 from telescope_mount.run_loader import load_run  # noqa: E402
 
-WIDTH = 900  # of a picture, pixels
-#: name of a picture, command that makes its page, height that is shown, pixels
+#: name of a picture, command that makes its page, width and height that are shown, pixels
 PAGES = {
-    'tutorial_altaz_fit': ('fit examples/tutorial/altaz_night1.csv', 690),
+    'tutorial_altaz_fit': ('fit examples/tutorial/altaz_night1.csv', 900, 690),
     'tutorial_altaz_diagnosis': ('diagnose examples/tutorial/altaz_night1.csv '
-                                 '--holdout examples/tutorial/altaz_night2.csv', 1160),
-    'tutorial_german_fit': ('fit examples/tutorial/german_solved.csv', 690),
-    'tutorial_german_diagnosis': ('diagnose examples/tutorial/german_solved.csv', 1160),
+                                 '--holdout examples/tutorial/altaz_night2.csv', 1250, 1520),
+    'tutorial_german_fit': ('fit examples/tutorial/german_solved.csv', 900, 690),
+    'tutorial_german_diagnosis': ('diagnose examples/tutorial/german_solved.csv', 1250, 1130),
 }
 
 
@@ -114,14 +113,14 @@ def german(folder):
         'pier_side': np.where(west, 'West', 'East').tolist()})
 
 
-def picture(name, command, height, folder):
+def picture(name, command, width, height, folder):
     """The top of a page as chromium shows it, in few colours."""
     from PIL import Image
     page, shot = folder / 'page.html', folder / 'shot.png'
     run(*command.split(), '--report', str(page), '--overwrite')
     subprocess.run([
         shutil.which('chromium') or 'chrome', '--headless=new', '--no-sandbox', '--disable-gpu',
-        '--hide-scrollbars', f'--window-size={WIDTH},{height}', f'--screenshot={shot}',
+        '--hide-scrollbars', f'--window-size={width},{height}', f'--screenshot={shot}',
         f'file://{page}'], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     path = PICTURES / f'{name}.png'
     Image.open(shot).convert('RGB').quantize(48).save(path, optimize=True)
@@ -132,8 +131,8 @@ def main():
     """Write runs or pictures."""
     with tempfile.TemporaryDirectory() as folder:
         if 'pictures' in sys.argv[1:]:
-            for name, (command, height) in PAGES.items():
-                picture(name, command, height, Path(folder))
+            for name, (command, width, height) in PAGES.items():
+                picture(name, command, width, height, Path(folder))
         else:
             altaz(Path(folder))
             german(Path(folder))
