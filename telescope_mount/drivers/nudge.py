@@ -19,7 +19,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.rms import rms
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_WEATHER
+from pointing_model.sky.site import air_at
 from pointing_model.sky.star_catalogue import StarTarget, load_catalogue
 from telescope_mount.observing.star_choice import has_neighbour
 
@@ -201,7 +201,7 @@ def place_of(target, mount, site, here):
     pointing = Pointing(target, None, np.zeros(2), mount, AxisLimits().meridian)
 
     def angles(times):
-        first, second = pointing.place(np.asarray(times) * 1e9, site, DEFAULT_WEATHER)
+        first, second = pointing.place(np.asarray(times) * 1e9, site, air_at(site.height))
         turns = np.round((here[0] - first[0]) / (2.0 * np.pi)) if mount.vertical else 0.0
         return np.column_stack([first + 2.0 * np.pi * turns, second])
     return angles
@@ -232,7 +232,7 @@ def bright_star(mount, site, time, here, allowed=None):
     """
     stars, limits = load_catalogue(mag_limit=BRIGHT + 2.0), AxisLimits(allowed=allowed)
     rows = np.flatnonzero(stars.mag <= BRIGHT)
-    az, el = observed_place(stars.select(rows), time, site, DEFAULT_WEATHER)
+    az, el = observed_place(stars.select(rows), time, site, air_at(site.height))
     good = (el > LOW) & (el < HIGH) & ~has_neighbour(stars, rows) & limits.reached(
         mount, az, el, HIGH if mount.vertical else 80.0 * DEG, time, stars.hip[rows])
     if not good.any():
