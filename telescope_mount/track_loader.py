@@ -142,7 +142,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     own = {key: joined.get(name, unknown) for name, key in _AIR}
     air = replace(base, **{key: np.where(np.isfinite(of), of, getattr(base, key))
                            for key, of in own.items()})
-    notes += orbits.notes + [_age(orbit, joined['time'][np.concatenate(names) == one])
+    notes += orbits.notes + [age_note(orbit, joined['time'][np.concatenate(names) == one])
                              for one, orbit in found.items() if not orbit.precise]
     return MeasuredTracks(joined, np.concatenate(names), found, site, air, frame, notes)
 
@@ -292,7 +292,8 @@ def _air_of(weather, rows):
                    temperature_c=weather.temperature_c[rows])
 
 
-def _age(orbit, time):
+def age_note(orbit, time):
+    """How old elements are at some times, shape (n,), and what errors are to be expected."""
     days = (time.mean() - orbit.epoch) / 86400.0
     return (f'elements of {orbit.name} are {abs(days):.1f} days '
             f'{"old" if days >= 0.0 else "younger than the track"}: errors of '

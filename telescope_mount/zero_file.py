@@ -90,6 +90,7 @@ def read_zeros(path):
         raise ValueError(f'{path} has a header and no row: write a row for each power-on')
     notes = _unknown_columns(path, cells.header)
     zeros, sigmas = _pair(cells, 'zero{}_arcsec'), _pair(cells, 'sigma{}_arcsec')
+    zeros = _on_one_turn(zeros)
     covariates = {name: _pair(cells, pattern, _SIDES if name == 'side' else {})
                for name, pattern in _COLUMNS.items()}
     time, run = _time(cells), _column(cells, 'run')
@@ -120,6 +121,17 @@ def read_zeros(path):
     reasons[there == 1] = f'one of {_NEEDED} is empty; a power-on counts with both'
     reasons[there == 0] = 'no zero; only the last row may be without, it is tonight'
     return season.select(there == 2), tonight, notes + _left_out(path, lines, reasons)
+
+
+def _on_one_turn(zeros):
+    """Zeros, arcsec, shape (n, 2), of each axis within half a turn of their middle."""
+    turn = 360.0 * 3600.0
+    phase = np.exp(2j * np.pi * zeros / turn)
+    with np.errstate(invalid='ignore'):
+        middle = np.angle(np.nansum(phase, axis=0)) * turn / (2.0 * np.pi)
+    near = middle + np.remainder(zeros - middle + 0.5 * turn, turn) - 0.5 * turn
+    # where all are on one turn as they are written, they stay so
+    return np.where(np.nanmax(np.abs(zeros - near), axis=0, initial=0.0) < 1.0, zeros, near)
 
 
 def _left_out(path, lines, reasons):

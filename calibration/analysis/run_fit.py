@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.rms import Rms
 from pointing_model.runs.run import PointingRun
@@ -159,15 +160,34 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
         fitted, out.harmonics, out.harmonic_findings = fit_chosen(
             run, harmonics, Recipe(NO_ZERO, own, terms, encoder, robust), result)
         out.plain = replace(fitted.model, provenance={**fitted.model.provenance, **source})
+    newest = []
+    if own and not harmonics:
+        out.plain, newest = _newest_zeros(result, run.mount.names.index)
     if predict:
         from .diagnosis.prediction import predictive_model
         out.predicted = predictive_model(run, '+'.join(terms), encoder=encoder)
         out.plain = out.predicted.model
     out.model = base.whole(out.plain) if base else out.plain
     out.findings = patterns_first([
-        *run.meta.get('notes', ()), *columns.doubts(run.mount.names), *result.findings(run),
+        *newest, *run.meta.get('notes', ()), *columns.doubts(run.mount.names),
+        *result.findings(run),
         *implausible_values(result.term_rows()), *_patterns(run, result, terms, how)])
     return out
+
+
+def _newest_zeros(result, index):
+    """The model with the zeros of the newest run in the place of the first's, and a Finding."""
+    number, names, k = max(result.zeros), list(result.names), len(result.model.terms)
+    take = np.eye(k, len(names))
+    for name in index:
+        other = f'{name}[{number:g}]'
+        if name in names and other in names:
+            take[names.index(name), names.index(other)] = 1.0
+    more = take[:, k:] @ result.coefficients[k:]
+    terms = {name: value + of for (name, value), of in zip(result.model.terms.items(), more)}
+    model = replace(result.model, terms=terms, covariance=take @ result.covariance @ take.T)
+    return model, [Finding('zeros of the newest run', evidence={'run': number, 'terms': {
+        name: terms[name] / ARCSEC for name in index if name in terms}})]
 
 
 def _patterns(run, result, terms, how):

@@ -207,6 +207,13 @@ KINDS = {
     'gaps without sessions': lambda found: (
         f'{found["source"]}: gaps of more than {found.size:g} h, but separate zeros explain the '
         'rows no better: one session (--sessions HOURS separates them)'),
+    'zeros of the newest run': lambda found: (
+        f'the model that is saved has the zeros of run {found["run"]:g}, the newest: '
+        + ', '.join(f'{name} {value:+.2f}' for name, value in found['terms'].items()) + ' arcsec'),
+    'medians of the runs': lambda found: (
+        f'the model that is saved has the medians of {found["runs"]} runs, '
+        + ', '.join(f'{name} {value:+.2f}' for name, value in found['terms'].items())
+        + ' arcsec: set a zero, or fit the night, before you point by it'),
     'terms of sessions': lambda found: (
         f'each session has its own {", ".join(found.causes)}: they move from session to session '
         '(--own says otherwise)'),

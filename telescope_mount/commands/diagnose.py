@@ -139,6 +139,10 @@ def _run(args):
         console.print(base_table(base, found.model))
         print_lines(console, 'note', map(wording, base.notes))
         document['base_model'] = base.compared(found.model)
+    if args.save and not args.verbose:
+        from calibration.report.wording import wording
+        print_lines(console, 'note', [wording(one) for one in found.notes
+                                      if getattr(one, 'kind', '') == 'medians of the runs'])
     model = base.whole(found.model) if base else found.model
     page = None
     if args.report:

@@ -51,6 +51,8 @@ def add(commands):
 
 def run(args):
     """Read, search, print."""
+    import numpy as np
+
     from msg_tools.iso_time import iso_seconds
     from msg_tools.units import DEG
     from pointing_model.mounts import parse_mount
@@ -59,17 +61,20 @@ def run(args):
 
     from ..guard.limits import Axis
     from ..observing.pass_forecast import pass_forecasts
+    from ..track_loader import age_note
     from .console import new_console, print_lines, write_outputs
     if args.latitude is None or args.longitude is None:
         raise ValueError('passes are over a site: give --latitude and --longitude')
     site = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
     mount = parse_mount(args.mount or 'altaz', site.latitude)
     axes = [Axis(-9.0, 9.0, args.rate * DEG, args.acceleration * DEG)] * 2
-    orbits, found = Orbits(args.orbit), []
+    orbits, found, ages = Orbits(args.orbit), [], []
     for name in [args.object] if args.object else orbits.names:
         orbit = orbits.orbit(name)
         start = iso_seconds(args.date) if args.date else max(
             orbit.begin, getattr(orbit, 'epoch', orbit.begin))
+        if not orbit.precise:
+            ages.append(age_note(orbit, np.array([start, start + 3600.0 * args.hours])))
         found += pass_forecasts(orbit, start, args.hours, site, mount=mount, axes=axes,
                                 low=args.lowest * DEG, dark=not args.day_too)
     found.sort(key=lambda one: one.start)
@@ -80,7 +85,7 @@ def run(args):
     if not found:
         console.print('no pass in these hours' + ('' if args.day_too else ' that is in the Sun, '
                                                   'at night: --day-too has all'))
-    print_lines(console, 'note', orbits.notes)
+    print_lines(console, 'note', [*orbits.notes, *ages])
     write_outputs(console, args, [one.document() for one in found], 'passes')
 
 

@@ -85,7 +85,8 @@ def run(args):
     print_all(console, layered(
         [_table(document)],
         [f'{word}: {line}' for word, lines in (
-            ('found', worded(result.findings()) or ['the terms drift; no cause found']),
+            ('found', worded(result.findings()) or [
+                'no cause found; how far each term drifts is in the table']),
             ('note', document['notes'])) for line in lines], args.verbose, files_of(args)))
     write_outputs(console, args, document, model=result.model().save,
                   page=args.report and render_season(result, args.files))

@@ -142,19 +142,21 @@ def pass_forecasts(orbit, start, hours, site=DEFAULT_SITE, *, mount=ALTAZ, axes=
     """
     out = []
     for one in passes(orbit, start, hours, site, low, dark=dark, step=30.0):
+        if not one.end > one.start:
+            continue  # it ends as the hours begin
         time, angles = pass_track(orbit, one, site, mount=mount, step=_COARSE)
-        inside = (time >= one.start) & (time <= one.end)
-        az, el, distance = satellite_place(orbit, time[inside], site)
-        sun_az, sun_el = sun_place(time[inside], site)
+        inside = np.linspace(one.start, one.end, max(
+            3, int(np.ceil((one.end - one.start) / _COARSE)) + 1))
+        az, el, distance = satellite_place(orbit, inside, site)
+        sun_az, sun_el = sun_place(inside, site)
         apart = _angle(az, el, sun_az, sun_el)
         top = int(np.argmax(el))
         found = _keyholes(orbit, one, site, mount, axes, time, angles) if axes else []
-        sky = np.hypot(np.gradient(np.unwrap(az), time[inside]) * np.cos(el),
-                       np.gradient(el, time[inside]))
+        sky = np.hypot(np.gradient(np.unwrap(az), inside) * np.cos(el), np.gradient(el, inside))
         # the Sun is as far as from the Earth: its direction at the satellite is the observer's
         out.append(PassForecast(
             orbit.name, one.start, one.end, one.top, float(az[top]), float(one.top_el),
-            float(np.mean(in_sunlight(orbit, time[inside]))), float(sun_el[top]),
+            float(np.mean(in_sunlight(orbit, inside))), float(sun_el[top]),
             float(apart.min()), float(np.pi - apart[top]), float(sky.max()),
             [hole for hole in found if hole.end > one.start and hole.begin < one.end],
             float(orbit.sigma(one.top))))

@@ -309,8 +309,16 @@ def test_fit_gives_sessions_zeros_of_their_own(ended, refused, run_csv):
     run.columns['el_enc'] = run['el_enc'] + 300.0 * ARCSEC * (run['run'] == 2)
     run.columns['time'] = 1.7e9 + 100.0 * np.arange(60)
     write_csv(run, run_csv)
-    code, out, err = ended('fit', run_csv, '--sessions', 'auto')
+    saved = run_csv.parent / 'm.json'
+    code, out, err = ended('fit', run_csv, '--sessions', 'auto', '--save', saved)
     assert code == 0, err
+    # one points by the newest zeros
+    assert 'the zeros of run 2, the newest' in ' '.join(out.split())
+    model = PointingModel.load(saved)
+    off = model.terms['IE'] / ARCSEC - (300.0 - 170.0)
+    assert abs(off) < 4.0 * np.sqrt(model.covariance[1, 1]) / ARCSEC < 20.0
+    noted = ' '.join(ended('diagnose', run_csv, '--save', run_csv.parent / 'd.json')[1].split())
+    assert 'has the medians of 2 runs' in noted
     assert 'IE[2]' in out and '+300' in out and 'fitted as one' not in out
     del run.columns['run']
     run.columns['time'][30:] += 5 * 3600.0

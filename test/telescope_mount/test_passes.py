@@ -19,6 +19,12 @@ import json
 import numpy as np
 from kepler_orbit import sp3
 
+from pointing_model.runs.formats.csv import iso_utc
+
+#: of the ISS, 2008-09-20 (Vallado et al. 2006, AIAA 2006-6753, use the form)
+TLE = '''1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927
+2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537
+'''
 PLACE = ('--latitude', '34.3', '--longitude', '109')
 
 
@@ -37,3 +43,22 @@ def test_passes_of_a_file_are_listed(ended, tmp_path):
 def test_passes_ask_for_the_site(refused, tmp_path):
     (tmp_path / 'a.sp3').write_text(sp3(120.0 * np.arange(20)))
     assert 'give --latitude and --longitude' in refused('passes', '--orbit', tmp_path / 'a.sp3')
+
+
+def test_a_pass_that_ends_as_the_hours_begin_is_one(ended, tmp_path):
+    (tmp_path / 'a.sp3').write_text(sp3(120.0 * np.arange(720), velocities=False))
+    common = ('passes', '--orbit', tmp_path / 'a.sp3', *PLACE, '--day-too', '--json',
+              tmp_path / 'p.json', '--overwrite')
+    ended(*common)
+    end = json.loads((tmp_path / 'p.json').read_text())[0]['end']
+    for before in (3.0, 0.5):
+        code, out, err = ended(*common, '--date', iso_utc(np.array([end - before]))[0],
+                               '--hours', '0.1')
+        assert (code, err) == (0, '') and 'satellite' in out
+
+
+def test_old_elements_are_said(ended, tmp_path):
+    (tmp_path / 'iss.tle').write_text(TLE)
+    out = ended('passes', '--orbit', tmp_path / 'iss.tle', *PLACE, '--day-too', '--date',
+                '2009-09-20', '--hours', '24')[1]
+    assert 'elements of 25544 are 365.0 days old' in ' '.join(out.split())

@@ -151,3 +151,15 @@ def test_zeros_with_decimal_commas_are_the_same(tmp_path):
     np.testing.assert_array_equal(a.zeros, b.zeros)
     np.testing.assert_array_equal(a.time, b.time)
     assert np.isfinite(a.time).all() and len(a) == 12
+
+
+def test_zeros_on_either_side_of_a_turn_are_as_near_as_they_are(tmp_path):
+    lines = written(tmp_path / 'zeros.csv').read_text().splitlines()
+    rows = [line.split(',') for line in lines[1:]]
+    around = tmp_path / 'around.csv'
+    around.write_text(HEADER + ''.join(
+        f'{time},{(float(az) - 20.0) % 1296000.0:.3f},{",".join(rest)}\n'
+        for time, az, *rest in rows))
+    (one, *_), (other, *_) = (read_zeros(tmp_path / name) for name in ('zeros.csv', 'around.csv'))
+    assert np.ptp(other.zeros[:, 0] - one.zeros[:, 0]) < 1e-3 * ARCSEC
+    assert np.array_equal(one.zeros[:, 1], other.zeros[:, 1])

@@ -50,7 +50,7 @@ from .residual_patterns import (
 from .row_counts import count_rows, repeats, worst_rows
 from .run_problem import RunProblem
 from .scatter import unequal_axes, unequal_scatter
-from .sessions import arrange, split_runs
+from .sessions import arrange, median_findings, split_runs
 from .validation import add_errors, cross_validated
 
 #: rows that are looked at, where there are more: time and memory grow with them
@@ -160,7 +160,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     found = effects[len(run.slips):]
     rows = ResidualRows.from_observations(obs, result.residual_after)
     gathered = cluster_findings(rows)
-    result.notes += [*history_findings(run, choice), *repeats(rows), *periods, *again, *gathered]
+    result.notes += [*median_findings(obs, base, result.model), *history_findings(run, choice),
+                     *repeats(rows), *periods, *again, *gathered]
     if left is not None:
         result.add_correlation(
             correlation_entry(left, run, choice.chosen, result.residual_after))

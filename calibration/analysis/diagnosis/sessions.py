@@ -31,6 +31,7 @@ from calibration.estimation.correlated_noise import EIGEN, WhiteNoise
 from calibration.estimation.group_columns import inverse_root
 from calibration.estimation.linear_model import DISTINCT, LIVE, weighted_fit
 from calibration.estimation.robust import GROSS
+from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
 
 from ..finding import Finding
@@ -129,6 +130,25 @@ def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
     if own_terms is None and set(own) - set(mount.names.index):
         parts[0] = add_note(parts[0], Finding('terms of sessions', causes=tuple(own)))
     return Sessions(parts, own, None if gap == AT_STEPS else gap or sessions)
+
+
+def median_findings(obs, base, model):
+    """That the model has the medians of what each run fits for itself: none of them points by it.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+    model : PointingModel
+
+    Returns
+    -------
+    list of Finding
+    """
+    if not base.own or len(obs.runs) < 2:
+        return []
+    return [Finding('medians of the runs', evidence={
+        'runs': len(obs.runs), 'terms': {name: model.terms[name] / ARCSEC for name in base.own}})]
 
 
 def divisions(runs, terms, encoder, least_step):

@@ -188,7 +188,22 @@ def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPH
     columns = [entry.cause.columns_of(at, causes or {}, k) for entry in found]
     mean, covariance = forecast(path, variation, at - day[-1],
                                 np.concatenate([np.zeros((k, 0)), *columns], axis=1))
-    return SeasonAnalysis(season, found, variation, path, tonight, mean, covariance, notes)
+    out = SeasonAnalysis(season, found, variation, path, tonight, mean, covariance, notes)
+    return replace(out, covariance=covariance + _of_unknown(out, unknown))
+
+
+def _of_unknown(analysis, unknown):
+    """Covariance of the terms by what causes that are not known tonight scatter from night to
+    night."""
+    k = len(analysis.season.names)
+    out = np.zeros((k, k))
+    for found, (values, _) in zip(analysis.causes, analysis.coefficients()):
+        if found.cause.kind == 'column' and found.cause.text in unknown:
+            shape = found.cause.shape[:, 0]
+            moved = np.zeros(k)
+            moved[list(found.cause.terms)] = values[:, 0] * np.std(shape[shape != 0.0])
+            out += np.outer(moved, moved)
+    return out
 
 
 def past_and_rates(season, mean):

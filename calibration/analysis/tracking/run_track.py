@@ -164,5 +164,5 @@ def _complete(run):
     columns.setdefault('run', np.zeros(n))
     star = columns.get('star')
     if star is None or np.asarray(star).dtype.kind not in 'fiu':
-        columns['star'] = np.arange(n, dtype=float)
+        columns['star'] = np.arange(1.0, n + 1.0)
     return type(run)(columns, run.meta)

@@ -321,6 +321,9 @@ def _solved(program, target, start, sky):
     """Gauss-Newton with first-order columns: each step shrinks the rest by the terms' size."""
     values = dict(start)
     keys = list(values)
+    if not keys:
+        raise ValueError(f'that program has no terms for a mount that is {program.mount.kind}; '
+                         'a table of readings is for any: --to table')
     columns = np.stack([np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in keys],
                        axis=1)
     size = np.linalg.norm(columns, axis=0)

@@ -123,6 +123,10 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     assert any('temperature of the night to come is not known' in note
                for note in worded(cold.notes))
     assert abs(cold.mean[2] / ARCSEC) < 5.0
+    # what the temperature scatters from night to night is in its error
+    warm = np.array([night.causes['temperature'][0] for night in nights.nights])
+    own, with_it = (np.sqrt(one.covariance[2, 2]) / ARCSEC for one in (judged, cold))
+    assert with_it == pytest.approx(np.hypot(own, 1.5 * np.std(warm)), rel=0.15)
     assert judged.model().covariance == pytest.approx(judged.covariance)
     page = render_season(judged, ())
     ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
