@@ -92,6 +92,10 @@ def cause_rows(findings, mount):
 
 KINDS = {
     'night left out': _left_out,
+    'odd night': lambda found: (
+        f'{found["date"]} ({found["source"]}) is left out: its {found["term"]} is '
+        f'{found.size:+.0f}\u2033 off the nights about it, {found["times"]:.0f} times their '
+        'scatter. See what was wrong there'),
     'step outside the season': lambda found: f'{found["step"]}: no night before or after it',
     'cause unknown tonight': lambda found: (
         f'{", ".join(found.causes)} of the night to come is not known: taken as the mean of the '

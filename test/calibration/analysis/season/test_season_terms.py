@@ -103,6 +103,26 @@ def test_a_season_that_only_wanders_has_no_cause():
     assert claimed == 0
 
 
+def test_a_single_night_far_from_those_about_it_hides_no_cause():
+    def moved(values, warm):
+        values[:, 2] += 2.5 * (warm - 10.0)
+        values[7, 2] += 700.0
+
+    judged = analyse_season(season(np.random.default_rng(13), 24, moved=moved),
+                            causes={'temperature': 20.0})
+    assert [(one.cause.kind, NAMES[one.cause.terms[0]]) for one in judged.causes] == [
+        ('column', 'TF')]
+    assert len(judged.season.nights) == 23
+    assert any('night 7' in note and 'TF is +7' in note for note in worded(judged.notes))
+    # neither a step, a walk, nor what follows the temperature is such a night
+    for trial in range(6):
+        def stepped(values, warm):
+            values[12:, 1] += 80.0
+            values[:, 2] += 2.5 * (warm - 10.0)
+        made = season(np.random.default_rng([17, trial]), 24, moved=stepped)
+        assert len(analyse_season(made).season.nights) == 24
+
+
 def test_what_moves_a_term_is_named_and_foretold_with():
     def moved(values, warm):
         values[:, 2] += 1.5 * (warm - 10.0)
