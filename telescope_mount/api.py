@@ -31,7 +31,6 @@ that computed it, in radians (`Run.rows`, `Fit.result`, `RunDiagnosis.result`).
 These names are kept: what is here now stays, with its meaning and its unit, within a major version.
 """
 
-import re
 from functools import cached_property, wraps
 from pathlib import Path
 from types import SimpleNamespace
@@ -51,7 +50,7 @@ from pointing_model import model_application as _apply
 from pointing_model.runs.copies import without_copies
 from pointing_model.runs.run import COLUMNS, PointingRun, column_name
 
-from .commands.options import place_of
+from .commands.options import names, place_of
 from .run_loader import load_run
 
 __all__ = ['Fit', 'Run', 'RunDiagnosis', 'apply', 'diagnose', 'fit', 'read_run']
@@ -346,7 +345,7 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
         Too few usable rows, unknown terms, or columns that are not what they are named.
     """
     if isinstance(terms, str):
-        terms = [name for name in re.split(r'[,+\s]+', terms) if name]
+        terms = names(terms)
     found = fit_run(_rows(run), terms, encoder=encoder, robust=robust)
     return Fit(Run(found.run), found.terms, fit_document(found))
 

@@ -109,6 +109,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
         One line: what is wrong with a file.
     """
     orbits, parts, notes = Orbits(orbit_paths), [], []
+    weather = vars(weather) if isinstance(weather, Weather) else weather
     paths = [log_of(path) for path in paths]
     logs = [path for path in paths if path.is_dir() or path.suffix == '.mcap']
     for path in [path for path in paths if path not in logs]:
@@ -116,7 +117,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
         notes += part.notes
         parts.append(part)
     runs = [load_run(path, satellites=True) for path in logs]
-    site = _site_of(parts, runs, paths[0], site)
+    site, height = _site_of(parts, runs, paths[0], site)
     frame = next((part.mount for part in parts if part.mount is not None), None)
     frame = runs[0].mount if runs and not parts else parse_mount(
         mount or frame or 'altaz', site.latitude)
@@ -124,14 +125,15 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     for part in parts:
         label = np.array([str(_orbit(orbits, found, one or name)) for one in part.names.tolist()],
                          dtype=object)
-        columns.append(_measured(part, site, weather, frame, notes))
+        columns.append(_measured(part, site, height, weather, frame, notes))
         names.append(label)
     for run in runs:
         columns.append(_star_columns(run, frame))
         names.append(_names_of(run, orbits, found))
     for path in stars:
-        run = load_run(path, site={'latitude': site.latitude, 'longitude': site.longitude,
-                                   'height': site.height}, mount=mount,
+        place = {'latitude': site.latitude, 'longitude': site.longitude}
+        run = load_run(path, site=place if height is None else {**place, 'height': height},
+                       mount=mount,
                        **({'weather': weather} if weather else {}))
         if 'star' in run and run['star'].dtype.kind in 'if':
             run = run.select(run['star'] >= 0)
@@ -200,6 +202,7 @@ def _read(path, site, mount):
 
 
 def _site_of(parts, runs, path, given):
+    """The site, and its height if that is known, else None."""
     known = {}
     for one in (*(part.site for part in parts), *(known_site(run.meta) for run in runs)):
         known |= one
@@ -208,7 +211,8 @@ def _site_of(parts, runs, path, given):
     if missing:
         raise ValueError(f'{path}: the site is not known; give {" and ".join(missing)}, '
                          'or lines "# latitude_deg: 34.3" before the header')
-    return Site(known['latitude'], known['longitude'], known.get('height', 0.0))
+    height = known.get('height')
+    return Site(known['latitude'], known['longitude'], height or 0.0), height
 
 
 def _names_of(run, orbits, found):
@@ -234,11 +238,11 @@ def _orbit(orbits, found, name):
     return orbit.name
 
 
-def _measured(part, site, weather, mount, notes):
+def _measured(part, site, height, weather, mount, notes):
     """Readings with the satellite centred, or where it was seen by the axes of the mount."""
     cells, out = part.cells, {'time': part.cells['time']}
     try:
-        air, said = air_of_rows(site.height, cells.get('pressure_hpa'), cells.get('temperature_c'),
+        air, said = air_of_rows(height, cells.get('pressure_hpa'), cells.get('temperature_c'),
                                 part.weather, weather)
     except ValueError as error:
         raise ValueError(f'{part.path}: {error}') from None

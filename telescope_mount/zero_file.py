@@ -36,7 +36,7 @@ import numpy as np
 from calibration.analysis.zero.zero_causes import AXES, Season, zero_causes
 from calibration.report.row_wording import listed
 from calibration.report.wording import worded
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, wrap
 from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.run_table import content, read_lines
 
@@ -90,7 +90,6 @@ def read_zeros(path):
         raise ValueError(f'{path} has a header and no row: write a row for each power-on')
     notes = _unknown_columns(path, cells.header)
     zeros, sigmas = _pair(cells, 'zero{}_arcsec'), _pair(cells, 'sigma{}_arcsec')
-    zeros = _on_one_turn(zeros)
     covariates = {name: _pair(cells, pattern, _SIDES if name == 'side' else {})
                for name, pattern in _COLUMNS.items()}
     time, run = _time(cells), _column(cells, 'run')
@@ -107,7 +106,7 @@ def read_zeros(path):
             '(or temperature_az_c and temperature_el_c), supply_v, since_h or side', *notes]))
     season = Season(
         np.where(np.isfinite(run), run, np.arange(1.0, len(cells) + 1.0)).astype(int),
-        time, zeros * ARCSEC, sigmas * ARCSEC, covariates).select(kept)
+        time, _on_one_turn(zeros * ARCSEC), sigmas * ARCSEC, covariates).select(kept)
     lines = cells.lines[kept]
     if np.isfinite(season.time).all():
         order = np.argsort(season.time, kind='stable')
@@ -124,14 +123,12 @@ def read_zeros(path):
 
 
 def _on_one_turn(zeros):
-    """Zeros, arcsec, shape (n, 2), of each axis within half a turn of their middle."""
-    turn = 360.0 * 3600.0
-    phase = np.exp(2j * np.pi * zeros / turn)
-    with np.errstate(invalid='ignore'):
-        middle = np.angle(np.nansum(phase, axis=0)) * turn / (2.0 * np.pi)
-    near = middle + np.remainder(zeros - middle + 0.5 * turn, turn) - 0.5 * turn
+    """Zeros, rad, shape (n, 2), of each axis within half a turn of their middle."""
+    middle = np.angle(np.nansum(np.exp(1j * zeros), axis=0))
+    near = middle + wrap(zeros - middle)
     # where all are on one turn as they are written, they stay so
-    return np.where(np.nanmax(np.abs(zeros - near), axis=0, initial=0.0) < 1.0, zeros, near)
+    together = np.nanmax(np.abs(zeros - near), axis=0, initial=0.0) < ARCSEC
+    return np.where(together, zeros, near)
 
 
 def _left_out(path, lines, reasons):

@@ -177,16 +177,14 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
 
 def _newest_zeros(result, index):
     """The model with the zeros of the newest run in the place of the first's, and a Finding."""
-    number, names, k = max(result.zeros), list(result.names), len(result.model.terms)
-    take = np.eye(k, len(names))
-    for name in index:
-        other = f'{name}[{number:g}]'
-        if name in names and other in names:
-            take[names.index(name), names.index(other)] = 1.0
-    more = take[:, k:] @ result.coefficients[k:]
-    terms = {name: value + of for (name, value), of in zip(result.model.terms.items(), more)}
+    newest, names = result.zeros.newest, list(result.names)
+    terms, take = dict(result.model.terms), np.eye(len(result.model.terms), len(names))
+    for name, zero in zip(index, newest.angles):
+        if name in terms:
+            terms[name] += float(zero)
+            take[names.index(name), names.index(f'{name}[{newest.run:g}]')] = 1.0
     model = replace(result.model, terms=terms, covariance=take @ result.covariance @ take.T)
-    return model, [Finding('zeros of the newest run', evidence={'run': number, 'terms': {
+    return model, [Finding('zeros of the newest run', evidence={'run': newest.run, 'terms': {
         name: terms[name] / ARCSEC for name in index if name in terms}})]
 
 

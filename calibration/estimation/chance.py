@@ -383,14 +383,13 @@ class Chance:
         by_chance = bank.by_chance.get(bank.effects[group].share)
         if self.searched_before and by_chance is not None:
             return _share(by_chance, ChanceTest(fit, scores, group, [group]).z)
-        every, share = bank.same_share(group), 0.0
-        many = alpha is not None and len(every) > _MANY
-        few = [np.union1d(every[::_THINNED], [group])] if many else []
-        for among in (*few, every):  # what chance gives to some of them is enough
-            share = self._share_of_flips(ChanceTest(fit, scores, group, among), alpha)
-            if many and share > alpha:
-                break
-        return share
+        every = bank.same_share(group)
+        if alpha is not None and len(every) > _MANY:  # what chance gives to some may be enough
+            some = np.union1d(every[::_THINNED], [group])
+            share = self._share_of_flips(ChanceTest(fit, scores, group, some), alpha)
+            if share > alpha:
+                return share
+        return self._share_of_flips(ChanceTest(fit, scores, group, every), alpha)
 
     def _share_of_flips(self, test, alpha):
         """Of flips whose best score reaches that which is tested; `alpha` as of `p`."""

@@ -208,10 +208,10 @@ KINDS = {
         f'{found["source"]}: gaps of more than {found.size:g} h, but separate zeros explain the '
         'rows no better: one session (--sessions HOURS separates them)'),
     'zeros of the newest run': lambda found: (
-        f'the model that is saved has the zeros of run {found["run"]:g}, the newest: '
+        f'the model has the zeros of run {found["run"]:g}, the newest: '
         + ', '.join(f'{name} {value:+.2f}' for name, value in found['terms'].items()) + ' arcsec'),
     'medians of the runs': lambda found: (
-        f'the model that is saved has the medians of {found["runs"]} runs, '
+        f'the model has the medians of {found["runs"]} runs, '
         + ', '.join(f'{name} {value:+.2f}' for name, value in found['terms'].items())
         + ' arcsec: set a zero, or fit the night, before you point by it'),
     'terms of sessions': lambda found: (

@@ -138,24 +138,21 @@ def standard_pressure(height):
     return 1013.25 * (1.0 - 2.25577e-5 * height) ** 5.25588
 
 
-def air_at(height, *given):
+def air_at(height, given=None):
     """Air at a height: a standard atmosphere, 10 C, but for what is given.
 
     Parameters
     ----------
     height : float
         Metres.
-    given : dict
-        Fields of `Weather`, or None; of two the later one counts.
+    given : dict, optional
+        Fields of `Weather`.
 
     Returns
     -------
     Weather
     """
-    known = {'pressure_hpa': standard_pressure(height)}
-    for one in given:
-        known |= one or {}
-    return Weather(**known)
+    return Weather(**{'pressure_hpa': standard_pressure(height), **(given or {})})
 
 
 def air_of_rows(height, pressure=None, temperature=None, declared=None, given=None):

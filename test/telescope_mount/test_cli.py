@@ -313,7 +313,7 @@ def test_fit_gives_sessions_zeros_of_their_own(ended, refused, run_csv):
     code, out, err = ended('fit', run_csv, '--sessions', 'auto', '--save', saved)
     assert code == 0, err
     # one points by the newest zeros
-    assert 'the zeros of run 2, the newest' in ' '.join(out.split())
+    assert 'the model has the zeros of run 2, the newest' in ' '.join(out.split())
     model = PointingModel.load(saved)
     off = model.terms['IE'] / ARCSEC - (300.0 - 170.0)
     assert abs(off) < 4.0 * np.sqrt(model.covariance[1, 1]) / ARCSEC < 20.0

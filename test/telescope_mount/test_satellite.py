@@ -126,6 +126,9 @@ def test_the_air_and_the_side_that_a_track_gives_are_taken(folder, tmp_path):
         weather = read(air, weather=given).weather
         assert weather.pressure_hpa.tolist() == [pressure] * 2
         assert weather.temperature_c.tolist() == [-7.0] * 2
+    # of a site whose height is not known 756 hPa are no mm of mercury
+    head = head.replace('# height_m: 500\n', '')
+    assert read('# pressure_hpa: 756\n').weather.pressure_hpa.tolist() == [756.0] * 2
     beyond = np.array([True, True])
     sides = read(sides=['west', 'pierWest']).columns
     wanted = through_pole(plain.columns['az_enc'], plain.columns['el_enc'], beyond)

@@ -198,7 +198,8 @@ def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPH
 def _without_odd_nights(season):
     """The season without single nights far from those about them, and a Finding of each.
 
-    A star misidentified, or a zero lost, is no walk: one such night hides every cause.
+    A star misidentified, or a zero lost, is no walk: one such night hides every cause. The first
+    night and the last stay: what they differ by may be a step.
     """
     values = np.array([night.values for night in season.nights])
     n = len(values)
@@ -212,7 +213,8 @@ def _without_odd_nights(season):
     times = np.abs(off) / np.hypot(scatter, error)
     # both sides of a step agree with one neighbour
     beside = np.abs(np.diff(values, axis=0)) / np.hypot(scatter, error[1:])
-    alone = np.minimum(np.vstack((beside[:1], beside)), np.vstack((beside, beside[-1:])))
+    alone = np.zeros_like(times)
+    alone[1:-1] = np.minimum(beside[:-1], beside[1:])
     odd = np.flatnonzero((np.minimum(times, alone) > _ODD).any(axis=1))
     if len(odd) > n // 10 + 1:
         return season, []

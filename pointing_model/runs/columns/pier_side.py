@@ -22,6 +22,9 @@ _UNKNOWN = ('', 'nan', 'unknown', 'none', 'null', 'n/a', '?', '-')
 #: part of the rows that may be against a rule by the hour angle, so that it still is one
 _AGAINST = 0.1
 _FEWEST = 3  # rows that make a rule
+_COUNTERWEIGHT = (
+    'the readings have the counterweight up in every row. If it was down, the hour angles count '
+    'eastward: change the sign of all (else IH, CH, NP, MA have the wrong one)')
 
 
 def through_the_pole(path, table, side, hour_angle):
@@ -63,15 +66,16 @@ def through_the_pole(path, table, side, hour_angle):
     down = beyond == east  # the counterweight hangs below the tube
     if not known.all():
         _place_unknown(table, known, sound, beyond, down, hour_angle)
-    elif sound.sum() >= _FEWEST and not down[sound].any():
-        table.meta['notes'].append(
-            'pier_side has the counterweight up in every row. If it was down, exchange east and '
-            'west: the column says where the tube points (else ID, CH, NP change sign)')
+    else:
+        note_counterweight(
+            table, beyond, hour_angle, 'pier_side has the counterweight up in every row. If it was '
+            'down, exchange east and west: the column says where the tube points (else ID, CH, NP '
+            'change sign)')
     return beyond
 
 
-def note_counterweight(table, beyond, hour_angle):
-    """Say it, where readings have the counterweight up in every row.
+def note_counterweight(table, beyond, hour_angle, text=_COUNTERWEIGHT):
+    """Say it, where the counterweight is up in every row; by default of readings.
 
     Parameters
     ----------
@@ -81,14 +85,13 @@ def note_counterweight(table, beyond, hour_angle):
         Rows through the pole.
     hour_angle : ndarray, shape (n,)
         Of the stars, radians.
+    text : str
     """
     sound = (table.reasons == 0) & np.isfinite(hour_angle)
     with np.errstate(invalid='ignore'):
         down = beyond == (wrap(hour_angle) < 0.0)
     if sound.sum() >= _FEWEST and not down[sound].any():
-        table.meta['notes'].append(
-            'the readings have the counterweight up in every row. If it was down, the hour angles '
-            'count eastward: change the sign of all (else IH, CH, NP, MA have the wrong one)')
+        table.meta['notes'].append(text)
 
 
 def sides_of(path, cells, hour_angle, sound):
