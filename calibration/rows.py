@@ -166,17 +166,6 @@ class Usable(NamedTuple):
     excluded: list
     raised: list = ()
 
-    @property
-    def mild_sigmas(self):
-        """The sigmas by which is decided what rows determine; None where none were given.
-
-        None of them is far below the others, however many are: a few rows do not make columns equal
-        in which all others differ.
-        """
-        if self.sigmas is None:
-            return None
-        return np.concatenate([floored(one, False) for one in self.sigmas.reshape(2, -1)])
-
     def only(self, good, reason):
         """Those where `good`, shape (m,), holds; the others are excluded with the reason."""
         if good.all():
@@ -262,6 +251,17 @@ def floored(sigmas, lone=True):
     if not count or lone and count > max(1, _LONE * len(sigmas)):
         return sigmas
     return np.where(below, least, sigmas)
+
+
+def mild_sigmas(sigmas):
+    """Sigmas, shape (2n,), by which is decided what rows determine; None where none were given.
+
+    None of them is far below the others, however many are: a few rows do not make columns equal
+    in which all others differ.
+    """
+    if sigmas is None:
+        return None
+    return np.hstack([floored(one, False) for one in sigmas.reshape(2, -1)])
 
 
 def check_mount(mount, others):

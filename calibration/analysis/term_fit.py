@@ -33,7 +33,7 @@ from ..estimation.gauss_newton import LinearProblem, gauss_newton
 from ..estimation.group_columns import GroupColumns
 from ..estimation.least_squares import weighted_solve
 from ..estimation.robust import LOSS
-from ..rows import UNREACHABLE, usable
+from ..rows import UNREACHABLE, mild_sigmas, usable
 from .finding import Finding
 from .fit_result import make_result
 
@@ -238,7 +238,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     problem = LinearProblem(observed, design) if linear else RotationProblem(
         trig, terms, turned, observed, columns, design, mount)
     found = gauss_newton(problem, used.sigmas, LOSS if robust else None, rcond,
-                         used.mild_sigmas, zeros_of_axes, **solver)
+                         mild_sigmas(used.sigmas), zeros_of_axes, **solver)
     facts = {'method': 'terms', 'encoder': encoder, 'rcond': rcond}
     if held is not None:
         facts['held'] = base.provenance.get('source') or ', '.join(base.terms)
@@ -366,7 +366,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     columns = columns_of(degree, az, el, interpretation).reshape(k, -1)
     design, runs, names_of_zeros = _with_zeros(columns, run, used, run_zeros)
     found = gauss_newton(LinearProblem(observed, design), used.sigmas, LOSS if robust else None,
-                         rcond, used.mild_sigmas)
+                         rcond, mild_sigmas(used.sigmas))
     covariance = found.covariance[:k, :k]
     if after is not None:
         weights = found.weights if used.sigmas is None else (
@@ -425,19 +425,33 @@ def rotation_start(obs, terms):
     """
     names = obs.run.mount.names
     geometric = tuple(t for t in terms if t in names.terms)
+    start, left = dict.fromkeys(geometric, 0.0), obs.observed
     if not geometric:
-        return {}, obs.observed, np.ones(len(obs), bool)
-    start = dict.fromkeys(geometric, 0.0)
+        return start, left, np.ones(len(obs), bool)
     try:
-        start.update(fit_terms(obs.run, geometric, encoder=obs.encoder).model.terms)
+        fit = _rotations(obs, geometric)
     except ValueError:
         # directions that do not determine the rotations: from the indices alone
         obs.notes.append(Finding('undetermined base'))
-        few = tuple(t for t in names.index if t in geometric)
-        if few:
-            start.update(fit_terms(obs.run, few, encoder=obs.encoder).model.terms)
-    left, feasible = after_rotation(obs, start)
-    return start, left, feasible
+        geometric = tuple(t for t in names.index if t in geometric)
+        if not geometric:
+            return start, left, np.ones(len(obs), bool)
+        fit = _rotations(obs, geometric)
+    start.update(zip(geometric, fit.coefficients.tolist()))
+    feasible = np.isfinite(fit.residual.reshape(2, -1)).all(axis=0)
+    return start, np.where(np.tile(feasible, 2), fit.residual, left), feasible
+
+
+def _rotations(obs, terms):
+    """`Estimate` of geometric terms alone, by exact rotations."""
+    context, mount = obs.context, obs.context.mount
+    trig = Trig(context.az, context.el, mount)
+    columns = stacked_design(terms, context.az, context.el, mount, trig)
+    problem = LinearProblem(obs.observed, columns) if not _turning(terms, mount) else (
+        RotationProblem(trig, terms, {}, obs.observed, columns, columns, mount))
+    sigmas = None if obs.inverse_sigma is None else 1.0 / obs.inverse_sigma
+    return gauss_newton(problem, sigmas, LOSS, RCOND, mild_sigmas(sigmas),
+                        [i for i, t in enumerate(terms) if t in mount.names.index])
 
 
 def after_rotation(obs, start):

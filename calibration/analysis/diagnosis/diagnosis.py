@@ -24,7 +24,7 @@ from calibration.estimation.folds import FOLDS, partitions_of
 
 from ..finding import Finding
 from .alternatives import alternatives, repeated_choice
-from .base_terms import Base, determined_base
+from .base_terms import Base
 from .detection_limits import detectable
 from .diagnosis_result import build_diagnosis
 from .effect_causes import diagnosed_effects
@@ -128,14 +128,12 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     obs, rng = observations(runs, encoder), np.random.default_rng(seed)
     if len(obs) > most_rows:
         obs = obs.thinned(most_rows, rng)
-    base, undetermined = determined_base(obs, base)
-
     if progress:
         progress('looking for effects', 0, None)
     run = RunProblem(obs, base, alpha)
-    rows = ResidualRows.from_observations(obs, run.problem.plain.fit([]).raw)
-    again = visit_findings(rows, rows.visits(base.terms or obs.run.mount.names.index))
-    for one in (*obs.notes, *again) if first_answer else ():
+    rows = ResidualRows.from_observations(run.obs, run.problem.plain.fit([]).raw)
+    again = visit_findings(rows, rows.visits(run.base.terms or rows.context.mount.names.index))
+    for one in (*run.obs.notes, *again) if first_answer else ():
         if getattr(one, 'kind', '') in MOVES:
             first_answer(one)
     chance = Chance(run.problem.n, flips, rng, group=run.problem.sequence.group)
@@ -154,13 +152,13 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     periods = period_findings(problem, choice, settle_periods(problem, choice))
 
     fits = exact_fits(run, choice, left)
-    models = exact_models(run, choice, fits, left, undetermined)
+    models = exact_models(run, choice, fits, left)
     effects = diagnosed_effects(run, choice, models[1][0], left)
     result = build_diagnosis(run, choice, fits, models, effects, chance)
     found = effects[len(run.slips):]
-    rows = ResidualRows.from_observations(obs, result.residual_after)
+    rows = ResidualRows.from_observations(run.obs, result.residual_after)
     gathered = cluster_findings(rows)
-    result.notes += [*median_findings(obs, base, result.model), *history_findings(run, choice),
+    result.notes += [*median_findings(run, result.model), *history_findings(run, choice),
                      *repeats(rows), *periods, *again, *gathered]
     if left is not None:
         result.add_correlation(
@@ -177,18 +175,16 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     if result.verdict == 'ambiguous' or any(one.entry['open'] for some in others for one in some):
         result.next_observations, result.no_star = propose(
             run, choice, [[one.group for one in some if one.entry['open']] for some in others])
-    if undetermined is not None:
-        result.notes += [one for one in undetermined.findings(obs.run)
-                         if one.kind == 'undetermined terms']
+    result.notes += run.undetermined_findings()
 
     result = count_rows(result)
     add_page_figures(result)
     result.worst_rows, result.unequal_scatter = worst_rows(result), unequal_scatter(result)
     result.unequal_axes = unequal_axes(result)
     result.columns_alike = checked.alike
-    if obs.whole:
-        result.notes.append(Finding('rows searched', len(obs), unit='rows',
-                                    evidence={'all': len(obs.whole)}))
+    if run.obs.whole:
+        result.notes.append(Finding('rows searched', len(run.obs), unit='rows',
+                                    evidence={'all': len(run.obs.whole)}))
     result.notes += [*checked.findings,
                      *(Finding('held out', evidence={'of': one}) for one in held.findings)]
     if result.cv_contiguous:
@@ -197,5 +193,5 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     result.unphysical = implausible_terms(result)
     if holdout is not None:
         holdout = holdout if hours is None else split_runs(holdout, hours)
-        hold_out(holdout, result, own_terms or obs.run.mount.names.index, encoder)
+        hold_out(holdout, result, own_terms or run.obs.run.mount.names.index, encoder)
     return result

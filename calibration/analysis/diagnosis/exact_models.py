@@ -180,8 +180,10 @@ def whole_fit(run, fitted, chosen, correlation, memory):
                      *(noises if along else noises[-1:]))
 
 
-def exact_models(run, choice, fits, correlation, undetermined):
+def exact_models(run, choice, fits, correlation):
     """The models without and with what was found, and the terms of each run: of all rows.
+
+    They have the terms that are held because the stars do not determine them, and know which.
 
     Parameters
     ----------
@@ -189,8 +191,6 @@ def exact_models(run, choice, fits, correlation, undetermined):
         As of `exact_fits`.
     fits : tuple of Estimate
         Of it.
-    undetermined : FitResult or None
-        As of `determined_base`: the models have its held terms, and know which are undetermined.
 
     Returns
     -------
@@ -203,9 +203,9 @@ def exact_models(run, choice, fits, correlation, undetermined):
         fitted = [(whole_fit(run, fit, chosen, correlation, memory if fit is fits[1] else ()),
                    chosen) for fit, chosen in fitted]
     models = [exact_model(run, *each) for each in fitted]
-    if undetermined is None:
+    if run.undetermined is None:
         return models
-    return [(_with_held_terms(model, undetermined), run_terms) for model, run_terms in models]
+    return [(_with_held_terms(model, run.undetermined), run_terms) for model, run_terms in models]
 
 
 def exact_model(run, fitted, chosen):

@@ -29,6 +29,7 @@ from pointing_model.fitted_effects import FittedEffect
 
 from ..finding import Finding
 from ..term_fit import rotation_start
+from .base_terms import determined_base
 from .decoder_slips import decode_slips
 from .period_scans import period_bank
 from .row_counts import row_word
@@ -131,9 +132,31 @@ class _SomeVariants:
 
 
 class RunProblem:
-    """Observations, base and candidates in the form of the search."""
+    """Observations, base and candidates in the form of the search.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+        Kept without the terms that the stars do not determine.
+    alpha : float
+        Chance of a slip of a decoder that is none.
+    curves : bool
+        Whether curves and waves of unknown period are offered.
+
+    Attributes
+    ----------
+    undetermined : FitResult or None
+        As of `determined_base`.
+
+    Raises
+    ------
+    ValueError
+        Too few rows for the base.
+    """
 
     def __init__(self, obs, base, alpha, curves=True):
+        base, self.undetermined = determined_base(obs, base)
         columns = base.columns(obs.context, obs.label)
         if 2 * len(obs) < len(columns) + 4:
             raise ValueError(f'{len(obs)} usable observations do not determine {len(columns)} '
@@ -153,6 +176,12 @@ class RunProblem:
         self.problem.periods = period_bank(obs.context) if curves else PeriodBank([])
         self.problem.variants = EffectVariants(obs.context)
         self.infeasible = ~feasible
+
+    def undetermined_findings(self):
+        """That the stars do not determine some terms; none where they determine all."""
+        return [] if self.undetermined is None else [
+            one for one in self.undetermined.findings(self.obs.run)
+            if one.kind == 'undetermined terms']
 
     def _slips(self, alpha):
         """Correct whole bars and lines; they are known amounts."""

@@ -132,23 +132,23 @@ def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
     return Sessions(parts, own, None if gap == AT_STEPS else gap or sessions)
 
 
-def median_findings(obs, base, model):
+def median_findings(run, model):
     """That the model has the medians of what each run fits for itself: none of them points by it.
 
     Parameters
     ----------
-    obs : Observations
-    base : Base
+    run : RunProblem
     model : PointingModel
 
     Returns
     -------
     list of Finding
     """
-    if not base.own or len(obs.runs) < 2:
+    own, count = run.base.own, len(run.obs.runs)
+    if not own or count < 2:
         return []
     return [Finding('medians of the runs', evidence={
-        'runs': len(obs.runs), 'terms': {name: model.terms[name] / ARCSEC for name in base.own}})]
+        'runs': count, 'terms': {name: model.terms[name] / ARCSEC for name in own}})]
 
 
 def divisions(runs, terms, encoder, least_step):
