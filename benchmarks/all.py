@@ -33,7 +33,7 @@ import sys
 import time
 from pathlib import Path
 
-from telescope_mount.threads import ONE_THREAD
+from telescope_mount import ONE_THREAD
 
 os.environ.update(ONE_THREAD)  # before numpy comes
 

@@ -52,10 +52,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from telescope_mount import ONE_THREAD
 from telescope_mount.dds import dds_environment
 from telescope_mount.domain import claim
 from telescope_mount.graph import night_graph
-from telescope_mount.threads import ONE_THREAD
 
 PLAN = ('--stars', '8', '--polaris', '4')
 TOKEN = 'TELESCOPE_MOUNT_STOPS'

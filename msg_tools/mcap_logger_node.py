@@ -28,10 +28,11 @@ from std_srvs.srv import SetBool
 from . import topics
 from .bag import BagWriter
 from .bag.bag_pair import BagPair
+from .bag.compression import COMPRESSORS, DEFAULT_COMPRESSION
 from .bag.parameter_query import ParameterCollector, as_text
-from .bag.topic_selection import DEPTH, Selection, adapt_qos, versions
-from .mcap_logger_params import PARAMS
+from .bag.topic_selection import DEPTH, Selection, adapt_qos, check_patterns, versions
 from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode
+from .params import Param
 from .readiness import AWAITED
 from .topics import Topic
 
@@ -42,6 +43,31 @@ NOT_BY_DEFAULT = (topics.ABSOLUTE_FRAME.name,)
 PLACES = ('folder', 'truth_folder', 'diagnosis_page')
 #: s between two looks at the graph for topics and publishers
 DISCOVERY = 0.25
+PARAMS = (
+    Param('folder', 'telescope_mount_log', 'folder of the log; it must not exist or be empty',
+          fixed=True),
+    Param('truth_folder', '', 'folder for truth/*; empty: beside the log, with _truth added',
+          fixed=True),
+    Param('topics', [''], 'what to record, by the names of the graph or full names; empty, and '
+          'no pattern: the whole graph but its frames', fixed=True),
+    Param('patterns', [''], 'regular expressions; a topic whose full name matches one is recorded',
+          check=check_patterns, fixed=True),
+    Param('exclude', [''], 'regular expressions; a topic whose full name matches one is not',
+          check=check_patterns, fixed=True),
+    Param('all', False, 'record every topic there is, whenever it appears', fixed=True),
+    Param('compression', DEFAULT_COMPRESSION, 'of the chunks', choices=tuple(COMPRESSORS),
+          fixed=True),
+    Param('flush_period_s', 0.5, 'wall time after which what came is safe on the disk [s]', 0.05,
+          60.0, fixed=True),
+    Param('max_file_mb', 0.0, 'size after which a new file is begun [MB]; 0: never', 0.0, 1e6,
+          fixed=True),
+    Param('max_file_s', 0.0, 'log time after which a new file is begun [s]; 0: never', 0.0, 1e7,
+          fixed=True),
+    Param('snapshot_mb', 0.0, 'keep so much in memory and write it only when ~/snapshot is called '
+          '[MB]; 0: record all', 0.0, 4096.0, fixed=True),
+    Param('provenance', True, 'ask all nodes for their parameters and put them into the log',
+          fixed=True),
+)
 
 
 class McapLogger(MountNode):

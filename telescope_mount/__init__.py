@@ -18,6 +18,10 @@
 read when one of them is requested. None of them needs ROS.
 """
 
+#: environment: with matrices as small as ours, and eight processes on the cores, threads of BLAS
+#: only stand in each other's way; to be set before numpy is imported, which nothing here may do
+ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
+
 __all__ = ['apply', 'diagnose', 'fit', 'read_run']
 
 

@@ -19,8 +19,8 @@ import os
 import sys
 
 try:
+    from . import ONE_THREAD
     from .interrupt import interrupted_in_order
-    from .threads import ONE_THREAD
 except KeyboardInterrupt:
     print('ended by Ctrl-C', file=sys.stderr)
     sys.exit(130)

@@ -42,9 +42,9 @@ from pointing_model.mount_shape import urdf
 from pointing_model.mounts import parse_mount
 from pointing_model.sky.site import DEFAULT_SITE
 
+from . import ONE_THREAD
 from .dds import dds_environment
 from .parent import PARENT
-from .threads import ONE_THREAD
 
 #: that every launch file takes: name, default, text
 SHARED = (

@@ -30,10 +30,10 @@ import yaml
 
 from msg_tools import NAMESPACE
 
+from . import ONE_THREAD
 from .dds import dds_environment
 from .fork_server import preload, prepare, serve_forked
 from .interrupt import raise_noted
-from .threads import ONE_THREAD
 
 SET_DEATH_SIGNAL = 1  # Linux: prctl
 

@@ -16,9 +16,8 @@
 
 With several threads numpy's linear algebra adds in another order, and a log would not hold to the
 last bit when it is verified. So it has one, however a node is started; who sets the variables of
-`threads` otherwise has them so. A node ends when its `ros2 run` or `ros2 launch` has, however that
-ended.
-One that is told to end while it imports does so without a word.
+`ONE_THREAD` otherwise has them so. A node ends when its `ros2 run` or `ros2 launch` has, however
+that ended. One that is told to end while it imports does so without a word.
 """
 
 import os
@@ -29,8 +28,8 @@ on_end(lambda *_: os._exit(0))
 
 import sys  # noqa: E402 (what is imported from here on may be interrupted)
 
+from . import ONE_THREAD  # noqa: E402
 from .parent import end_with_parent  # noqa: E402
-from .threads import ONE_THREAD  # noqa: E402
 
 for _name, _value in ONE_THREAD.items():
     os.environ.setdefault(_name, _value)

@@ -29,7 +29,7 @@ from pathlib import Path
 
 import pytest
 
-from telescope_mount.threads import ONE_THREAD
+from telescope_mount import ONE_THREAD
 
 TESTS = Path(__file__).resolve().parent
 # what several tests share, and the benchmarks of which they try a part
