@@ -22,7 +22,7 @@ from msg_tools.units import ARCSEC, DEG
 
 from .context import Context
 from .runs.run import COLUMNS
-from .zero import NO_ZERO, active_zeros
+from .zero import NO_ZERO, carried_zeros
 
 #: name in a file -> (name in memory, its unit in SI)
 _DRIVERS = {csv_name: (name, unit) for name, (csv_name, unit, _) in COLUMNS.items()}
@@ -46,8 +46,9 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
         (beyond 90 degrees through the pole).
     reverse : bool
     zero : {'newest', 'none'} or number
-        Of the zeros that the model carries from its night, if any: that of the newest power-on, of
-        the run of this number, or none. A driver ``run`` takes for each row that of its run.
+        Of the zeros that the model carries from its night or from the runs of its file, if any:
+        the newest, that of the run of this number, or none. A driver ``run`` takes for each row
+        that of its run.
     latitude_deg, longitude_deg : float, optional
         Of the site, for effects that follow the sidereal time.
     **drivers : float or array_like, shape (n,)
@@ -201,7 +202,7 @@ def zeros_of_rows(model, wanted=NEWEST, run=None):
     ValueError
         The model has no zero of that run.
     """
-    known = active_zeros(model)
+    known = carried_zeros(model)
     if wanted == NO_ZEROS:
         return (0.0, 0.0), []
     if wanted != NEWEST:

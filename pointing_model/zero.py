@@ -113,6 +113,8 @@ class PowerOnZero:
             raise ValueError(f'not a zero with az_arcsec and el_arcsec: {document!r:.60}') from None
 
 
+#: key of a model's provenance: zeros of the runs of a file, beside its indices
+OF_RUNS = 'zeros_of_runs'
 #: angles as they were read
 NO_ZERO = PowerOnZero(0.0, 0.0)
 
@@ -211,8 +213,17 @@ def active_zeros(model):
     Zeros
         Of the power-ons that the model was fitted to; empty where nothing is known.
     """
-    documents = None if model is None else model.provenance.get('zeros_in_force')
+    return _zeros_of(model, 'zeros_in_force')
+
+
+def _zeros_of(model, key):
+    documents = None if model is None else model.provenance.get(key)
     return Zeros.from_list(documents if isinstance(documents, list) else ())
+
+
+def carried_zeros(model):
+    """The `active_zeros` of a model, or those of the runs of a file that it was fitted to."""
+    return active_zeros(model) or _zeros_of(model, OF_RUNS)
 
 
 def active_zero(model):

@@ -34,7 +34,7 @@ from pointing_model.runs.model_files.transfer import export
 from pointing_model.runs.model_reader import read_model
 from pointing_model.runs.programs import PROGRAMS
 from pointing_model.runs.programs.katpoint import description
-from pointing_model.zero import active_zeros
+from pointing_model.zero import OF_RUNS, carried_zeros
 
 from .commands.console import print_all, print_files, print_lines
 from .run_loader import load_run
@@ -185,9 +185,9 @@ def _open_notes(model):
 def _with_zero(model, wanted):
     """The model with a zero in its indices, and what is reported of it."""
     (az, el), applied = zeros_of_rows(model, wanted)
-    known = active_zeros(model)
+    known = carried_zeros(model)
     if not applied:
-        if not known:
+        if not known or not known.newest.angles.any():  # or its indices have it
             return model, []
         newest = known.newest
         return model, [f'the zero of the power-on is not in the file (run {newest.run:g}: azimuth '
@@ -200,7 +200,8 @@ def _with_zero(model, wanted):
             covariance = np.pad(covariance, (0, 1))
         terms[name] = terms.get(name, 0.0) + value
     # the indices have it now, so the model carries none
-    provenance = {k: v for k, v in model.provenance.items() if k != 'zeros_in_force'}
+    provenance = {k: v for k, v in model.provenance.items()
+                  if k not in ('zeros_in_force', OF_RUNS)}
     return replace(model, terms=terms, covariance=covariance, provenance=provenance), [
         f'the zero of run {applied[0].run:g} is in the indices: azimuth {az / ARCSEC:+.2f}, '
         f'elevation {el / ARCSEC:+.2f} arcsec']

@@ -25,7 +25,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import UNKNOWN, Context
 from pointing_model.effects.base import readable
-from pointing_model.model_application import axis_angles, turned, zeros_of_rows
+from pointing_model.model_application import NEWEST, axis_angles, turned, zeros_of_rows
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.column_names import CSV_NAMES
@@ -34,7 +34,7 @@ from pointing_model.runs.columns.run_table import content, lines_of, own_name
 from pointing_model.runs.columns.text_rows import TextRows, decimal_points, is_number
 from pointing_model.runs.run import COLUMNS, column_name
 from pointing_model.sky.site import air_of_rows
-from pointing_model.zero import active_zeros
+from pointing_model.zero import carried_zeros
 from pointing_model.zero_drift import KEY
 
 #: columns of such a table
@@ -203,11 +203,14 @@ def _drivers(table, cells, pair, places, args):
 
 def _zero_notes(model, applied, run, wanted):
     """What was done with the zeros that the model carries."""
-    if not active_zeros(model):
-        return []
+    known = carried_zeros(model)
+    if not known:
+        return ['the column run is not used: the model carries no zeros of runs'
+                ] if run is not None and wanted == NEWEST else []
     if not applied:
-        return [f'the {len(active_zeros(model))} zeros that the model carries are not applied '
-                '(--zero none)']
+        return [f'the {len(known)} zeros that the model carries are not applied (--zero none)']
+    if not any(z.angles.any() for z in applied):  # the indices have it
+        return []
     zeros = ', '.join(f'run {z.run:g}: azimuth {z.az / ARCSEC:+.2f}, elevation '
                       f'{z.el / ARCSEC:+.2f} arcsec' for z in applied[:6])
     more = f', ... ({len(applied)} runs)' if len(applied) > 6 else ''

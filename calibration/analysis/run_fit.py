@@ -25,7 +25,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.rms import Rms
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import NO_ZERO
+from pointing_model.zero import NO_ZERO, Zeros
 
 from .diagnosis.base_terms import Base
 from .diagnosis.implausible_terms import suspicious
@@ -38,7 +38,7 @@ from .diagnosis.residual_patterns import (
     visit_findings,
 )
 from .diagnosis.row_counts import excluded_of_fit, fit_row_counts
-from .diagnosis.sessions import arrange, split_at_steps
+from .diagnosis.sessions import arrange, split_at_steps, with_zeros
 from .external_check import checked_by_halves
 from .finding import Finding
 from .fit_result import FitResult
@@ -146,6 +146,7 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
     if not base:
         run = settled_run
     source = {'source': str(source or run.meta.get('source', ''))}
+    read = run
     if sessions != 0.0:
         run = arrange(run, Base(terms), run.mount.names.index, sessions, encoder,
                       least_step=0.0).runs[0]
@@ -160,9 +161,12 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
         fitted, out.harmonics, out.harmonic_findings = fit_chosen(
             run, harmonics, Recipe(NO_ZERO, own, terms, encoder, robust), result)
         out.plain = replace(fitted.model, provenance={**fitted.model.provenance, **source})
+        zeros = fitted.zeros
     newest = []
     if own and not harmonics:
-        out.plain, newest = _newest_zeros(result, run.mount.names.index)
+        out.plain, zeros, newest = _newest_zeros(result, run.mount.names.index)
+    if own:
+        out.plain = with_zeros(out.plain, zeros.values(), read, run)
     if predict:
         from .diagnosis.prediction import predictive_model
         out.predicted = predictive_model(run, '+'.join(terms), encoder=encoder)
@@ -176,15 +180,25 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
 
 
 def _newest_zeros(result, index):
-    """The model with the zeros of the newest run in the place of the first's, and a Finding."""
+    """The model with the zeros of the newest run in the place of the first's.
+
+    Returns
+    -------
+    model : PointingModel
+    zeros : Zeros
+        Of the runs beside it.
+    newest : list of Finding
+    """
     newest, names = result.zeros.newest, list(result.names)
     terms, take = dict(result.model.terms), np.eye(len(result.model.terms), len(names))
     for name, zero in zip(index, newest.angles):
         if name in terms:
             terms[name] += float(zero)
             take[names.index(name), names.index(f'{name}[{newest.run:g}]')] = 1.0
+    beside = newest.angles * [name in terms for name in index]
+    zeros = Zeros(zero.plus(*-beside) for zero in result.zeros.values())
     model = replace(result.model, terms=terms, covariance=take @ result.covariance @ take.T)
-    return model, [Finding('zeros of the newest run', evidence={'run': newest.run, 'terms': {
+    return model, zeros, [Finding('zeros of the newest run', evidence={'run': newest.run, 'terms': {
         name: terms[name] / ARCSEC for name in index if name in terms}})]
 
 

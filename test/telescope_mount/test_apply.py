@@ -151,6 +151,25 @@ PLAIN = 'time,az_deg,el_deg,run\n' + ''.join(
     f'2026-01-15T13:0{i}:00Z,{10.5 + i},{45.25 + i},2\n' for i in range(5))
 
 
+def test_a_column_run_without_zeros_is_noted(ended, tmp_path):
+    given, path = tmp_path / 'in.csv', tmp_path / 'model.json'
+    PointingModel(TERMS).save(path)
+    given.write_text('az_deg,el_deg,run\n10,45,1\n20,50,2\n')
+    code, _, err = ended('apply', path, given)
+    assert code == 0 and 'the column run is not used: the model carries no zeros' in err
+    assert ended('apply', path, given, '--zero', 'none')[2] == ''
+    PointingModel(TERMS, provenance={'zeros_of_runs': [
+        {'run': 2, 'az_arcsec': 0.0, 'el_arcsec': 0.0}, {**ZEROS[0]}]}).save(path)
+    code, out, err = ended('apply', path, given)
+    assert code == 0 and 'run 1: azimuth +100.00, elevation -50.00' in err
+    given.write_text('az_deg,el_deg\n20,50\n10,45\n')
+    newest, again = table(ended('apply', path, given)[1]), table(out)
+    assert newest[0]['az_enc_deg'] == again[1]['az_enc_deg']
+    assert float(again[0]['az_enc_deg']) - float(newest[1]['az_enc_deg']) == pytest.approx(
+        100.0 / 3600.0, abs=1e-9)
+    assert ended('apply', path, given)[2] == ''  # its indices have the newest
+
+
 @pytest.mark.parametrize('line, said', [
     ('2026-01-15T13:09:00Z,1x,45,2', "az_deg '1x' is not a number"),
     ('2026-01-15T13:09:00Z,,45,2', "az_deg 'empty' is no angle"),

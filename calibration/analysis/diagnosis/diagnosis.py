@@ -50,7 +50,7 @@ from .residual_patterns import (
 from .row_counts import count_rows, repeats, worst_rows
 from .run_problem import RunProblem
 from .scatter import unequal_axes, unequal_scatter
-from .sessions import arrange, median_findings, split_runs
+from .sessions import arrange, median_findings, split_runs, with_zeros_of_terms
 from .validation import add_errors, cross_validated
 
 #: rows that are looked at, where there are more: time and memory grow with them
@@ -120,9 +120,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     checked, held = checked or [check_columns(each, encoder) for each in (runs, holdout or ())]
     if not 0.0 < alpha < 1.0:
         raise ValueError(f'alpha {alpha} is no probability between 0 and 1')
-    hours = None
+    hours = read = None
     if not isinstance(base, Base):
-        base = Base.parse(base, own_terms or (), mount_of(runs))
+        base, read = Base.parse(base, own_terms or (), mount_of(runs)), runs
         runs, own_terms, hours = arrange(runs, base, own_terms, sessions, encoder)
         base = replace(base, own=own_terms)
     obs, rng = observations(runs, encoder), np.random.default_rng(seed)
@@ -155,6 +155,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     models = exact_models(run, choice, fits, left)
     effects = diagnosed_effects(run, choice, models[1][0], left)
     result = build_diagnosis(run, choice, fits, models, effects, chance)
+    if read is not None:
+        result.model = with_zeros_of_terms(result, read, runs)
     found = effects[len(run.slips):]
     rows = ResidualRows.from_observations(run.obs, result.residual_after)
     gathered = cluster_findings(rows)

@@ -33,6 +33,7 @@ from calibration.estimation.linear_model import DISTINCT, LIVE, weighted_fit
 from calibration.estimation.robust import GROSS
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
+from pointing_model.zero import OF_RUNS, PowerOnZero, Zeros
 
 from ..finding import Finding
 from ..term_fit import fit_terms, rotation_start
@@ -149,6 +150,46 @@ def median_findings(run, model):
         return []
     return [Finding('medians of the runs', evidence={
         'runs': count, 'terms': {name: model.terms[name] / ARCSEC for name in own}})]
+
+
+def with_zeros(model, zeros, before, after):
+    """The model with the zeros of the runs of a file, beside its indices.
+
+    Parameters
+    ----------
+    model : PointingModel
+    zeros : iterable of PowerOnZero
+    before, after : PointingRun
+        As it was read, and with its sessions numbered.
+
+    Returns
+    -------
+    PointingModel
+        As it was where a number would be that of another run, or index terms act on the sky and
+        are no zeros of encoders.
+    """
+    if model.mount.on_sky or 'run' in before and not np.array_equal(before['run'], after['run']):
+        return model
+    return replace(model, provenance={**model.provenance, OF_RUNS: Zeros(zeros).to_list()})
+
+
+def with_zeros_of_terms(result, before, after):
+    """The model of a diagnosis with the zeros of its runs, where no other term is their own.
+
+    Parameters
+    ----------
+    result : Diagnosis
+    before, after : sequence of PointingRun
+        As of `with_zeros`; numbers of several files are not known apart, so those carry none.
+    """
+    index, model, own = result.model.mount.names.index, result.model, result.run_terms
+    before = [before] if isinstance(before, PointingRun) else before
+    if len(before) > 1 or len(own) < 2 or not set(result.base.own) <= set(index):
+        return model
+    zeros = [PowerOnZero(*(
+        terms[name] * ARCSEC - model.terms[name] if name in terms else 0.0 for name in index
+    ), run=float(number)) for number, terms in own.items()]
+    return with_zeros(model, zeros, before[0], after[0])
 
 
 def divisions(runs, terms, encoder, least_step):

@@ -20,9 +20,13 @@ import pytest
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.base_terms import Base
 from calibration.analysis.diagnosis.sessions import arrange, split_run, split_runs
+from calibration.analysis.harmonic_fit import HarmonicChoice
+from calibration.analysis.run_fit import fit_run
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
+from pointing_model.model import PointingModel
+from pointing_model.model_application import apply
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 
@@ -58,6 +62,40 @@ def test_nights_with_zeros_of_their_own_are_sessions():
     result = diagnose(joined(1, IA=[0.0, 15.0, -8.0]), flips=199, cross_validation=False)
     assert result.verdict == 'none' and result.base.own == ('IA', 'IE')
     assert result.before['rms_arcsec'] < 1.6
+
+
+def _numbered(run, numbers):
+    return PointingRun({**run.columns, 'run': np.repeat(numbers, 30)}, run.meta)
+
+
+@pytest.mark.parametrize('fit', [
+    lambda run: fit_run(run, sessions=None).model,
+    lambda run: fit_run(run, sessions=None, harmonics=HarmonicChoice('zenith', degree=1)).model,
+    lambda run: diagnose(run, flips=199, cross_validation=False).model])
+def test_a_saved_model_has_the_zero_of_each_run(fit):
+    zeros = {7: (0.0, 0.0), 8: (100.0, -50.0), 9: (-70.0, 40.0)}
+    az_off, el_off = map(list, zip(*zeros.values()))
+    read = _numbered(joined(1, IA=az_off, IE=el_off), [7, 8, 9])
+    model = PointingModel.from_json(fit(read).to_json())
+    az, el = np.array([10.0, 100.0, 190.0]), np.array([25.0, 35.0, 45.0])
+    for number, (first, second) in zeros.items():
+        there = geometry.sky_to_encoder(az * DEG, el * DEG, {
+            **TRUTH, 'IA': TRUTH['IA'] + first * ARCSEC, 'IE': TRUTH['IE'] + second * ARCSEC})
+        for how in ({'zero': number}, {'run': np.full(3, number)},
+                    *[{}] * (number == 9)):  # the newest by default
+            off = (np.array(apply(model, az, el, **how)) * DEG - there) / ARCSEC
+            assert np.abs(off).max() < 4.0
+    with pytest.raises(ValueError, match='no zero of run 10; it has: 7, 8, 9'):
+        apply(model, az, el, zero=10)
+    with pytest.raises(ValueError, match='no zero of run 10'):
+        apply(model, az, el, run=[7, 8, 10])
+
+
+def test_sessions_that_are_other_runs_than_the_file_says_carry_no_zeros():
+    read = joined(1, IA=[0.0, 100.0, -70.0])
+    assert len(fit_run(read, sessions=None).model.provenance['zeros_of_runs']) == 3
+    one = fit_run(_numbered(read, [5, 5, 5]), sessions=3.0).model
+    assert 'zeros_of_runs' not in one.provenance
 
 
 def test_nights_of_one_mount_stay_one_run():
