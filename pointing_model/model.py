@@ -33,16 +33,6 @@ from .zero import NO_ZERO
 OPEN = 1e-3
 
 
-#: digits of a covariance of all coefficients together, which has tens of thousands of numbers
-_DIGITS = 6
-
-
-def significant(values):
-    """Numbers rounded to six digits, an ndarray of the same shape."""
-    flat = np.ravel(values)
-    return np.array([float(f'{v:.{_DIGITS}g}') for v in flat.tolist()]).reshape(np.shape(values))
-
-
 def _as_written(value, unit):
     # the value that the document's decimal number gives back, so that a round trip changes no bit
     return np.asarray(value, float) / unit * unit
@@ -132,7 +122,8 @@ class PointingModel:
         if self.joint is not None:
             size = k + sum(len(e.coefficients) for e in self.effects)
             joint = np.asarray(self.joint, float)
-            joint = significant(0.5 * (joint + joint.T) / ARCSEC**2) * ARCSEC**2
+            # in full: columns that are nearly alike have numbers whose differences alone count
+            joint = _as_written(0.5 * (joint + joint.T), ARCSEC**2)
             if not all_finite(joint):
                 raise ValueError('pointing model with a joint covariance that is not finite; '
                                  'fit it again')

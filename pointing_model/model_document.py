@@ -25,7 +25,7 @@ from msg_tools.whole_files import write_text
 
 from .fitted_effects import FittedEffect
 from .harmonics import Harmonics
-from .model import PointingModel, significant
+from .model import PointingModel
 from .mounts import ALTAZ, OF_MOUNT, Mount, mount_wording
 from .zero_drift import KEY as FOLLOWS
 
@@ -104,8 +104,8 @@ def to_json(model):
         document['effects'] = [e.document() for e in model.effects]
     if model.joint is not None:
         # its rows up to the diagonal: terms, then the effects' coefficients
-        document[_JOINT] = [row[:i + 1].tolist() for i, row in enumerate(
-            significant(model.joint / ARCSEC**2))]
+        document[_JOINT] = [row[:i + 1].tolist()
+                            for i, row in enumerate(model.joint / ARCSEC**2)]
     return json.dumps(document, indent=1)
 
 

@@ -24,6 +24,7 @@ from calibration.analysis.diagnosis.prediction import better_prediction, predict
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import design
 from pointing_model.runs.run import PointingRun
 
 
@@ -62,6 +63,23 @@ def test_the_model_goes_through_a_file_to_the_last_bit(found):
     np.testing.assert_array_equal(back.sigma(az, el, context), found.model.sigma(az, el, context))
     np.testing.assert_array_equal(back.offsets(az, el, context),
                                   found.model.offsets(az, el, context))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_no_direction_is_known_without_any_error(seed):
+    model = predictive_model(run(np.random.default_rng(seed), n=20, wave=6.0), ways=0).model
+    model = PointingModel.from_json(model.to_json())
+    values = np.linalg.eigvalsh(model.joint)
+    assert values[0] > -1e-14 * values[-1]
+    k = len(model.terms)
+    own, across, others = model.joint[:k, :k], model.joint[:k, k:], model.joint[k:, k:]
+    terms = own - across @ np.linalg.pinv(others, 1e-12, hermitian=True) @ across.T
+    i = np.arange(1000)
+    az, el = np.mod(i * 2.4, 2.0 * np.pi), np.arcsin(0.2 + 0.79 * i / 1000)
+    columns = np.array(design(tuple(model.terms), az, el))
+    least = np.einsum('ank,kl,anl->an', columns, terms, columns)
+    assert (least > 0.0).all()
+    assert (np.square(model.sigma(az, el, {'time': np.full(1000, 600.0)})) > 0.99 * least).all()
 
 
 def test_without_some_effects_the_joint_covariance_goes_along(found):
