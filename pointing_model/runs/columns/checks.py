@@ -25,6 +25,7 @@ from .run_table import SPECIAL
 
 #: observed elevations outside are no observation (90.1: a star past the zenith)
 ELEVATION_LIMITS = (-5.0, 90.1)
+_SIGMAS = {'sigma_x', 'sigma_y'}
 PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
 _TURNS = 10  # an angle beyond is no angle in degrees
 _TURN = 2.0 * np.pi
@@ -165,7 +166,7 @@ def flag_numbers(table):
         if name in needed:
             table.exclude(np.isnan(values), f'{table.label(name)} is not a number')
         table.exclude(np.isinf(values), f'{table.label(name)} is infinite')
-        if name in ('sigma_x', 'sigma_y'):
+        if name in _SIGMAS:
             table.exclude(~(values > 0.0), f'{table.label(name)} is not positive')
         if name in sum(PAIRS, ()) or name in ('ra_deg', 'dec_deg', 'ra_enc_deg'):
             with np.errstate(invalid='ignore'):
@@ -199,7 +200,7 @@ def blank_absurd(table):
         if not absurd.any():
             continue
         text = f'{table.label(name)} is outside {low:g} to {high:g} {unit}'.strip()
-        if name in SPECIAL or name in ('sigma_x', 'sigma_y'):
+        if name in SPECIAL or name in _SIGMAS:
             table.exclude(absurd, text)
             continue
         table.columns[name] = np.where(absurd, np.nan, values)
@@ -374,4 +375,9 @@ def finish(path, table):
             table.meta['notes'].append(f'{table.label(name)} is empty in {missing} of '
                                        f'{len(values)} rows')
         columns[name] = values
+    lone = _SIGMAS & set(columns)
+    if len(lone) == 1:
+        (given,), (other,) = lone, _SIGMAS - lone
+        table.meta['notes'].append(f'{table.label(given)} without {table.label(other)} is not '
+                                   'used: give both')
     return columns
