@@ -69,7 +69,7 @@ def apply_to_table(model, args):
     if of_sky:
         check_sky(table, az, el, cells)
     else:
-        _check(table, pair, az, el, args.reverse or not model.mount.vertical, cells)
+        _check(table, pair, az, el, args.reverse or not model.mount.vertical, model.mount, cells)
     # rows that are left out go along, somewhere, and their cells stay empty
     used = reasons == 0
     az, el = np.where(used, az, 0.0), np.where(used, el, 45.0)
@@ -151,11 +151,12 @@ def _angles(table, column, cells):
     return values
 
 
-def _check(table, pair, az, el, beyond, cells):
+def _check(table, pair, az, el, beyond, mount, cells):
     """Refuse what is no direction in degrees."""
-    # a tube past the zenith or through the pole
+    # a tube past the zenith or through the pole, to the end of its travel
+    reach = [-180.0, 180.0, *mount.names.travel_deg[1]] if beyond else [-90.0, 90.0]
     with np.errstate(invalid='ignore'):
-        bad = (el < (-180.0 if beyond else -90.0)) | (el > (180.0 if beyond else 90.0))
+        bad = (el < min(reach)) | (el > max(reach))
     table.refuse(pair[1], cells[pair[1]], {
         int(i): 'is no such angle in degrees' for i in np.flatnonzero(bad)})
     az, el = az[table.reasons == 0], el[table.reasons == 0]

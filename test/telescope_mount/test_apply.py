@@ -147,6 +147,28 @@ def test_a_german_mount_with_its_counterweight_up_is_told(ended, tmp_path):
     assert ended('apply', path, given)[2] == ''
 
 
+@pytest.mark.parametrize('mount, names', [
+    (Mount.equatorial(0.54, 'german'), ('ha', 'dec')),
+    (Mount.equatorial(-0.54, 'german'), ('ha', 'dec')), (Mount.free(0.3, 0.2), ('axis1', 'axis2'))])
+def test_the_second_axis_may_have_its_whole_travel(ended, tmp_path, mount, names):
+    path, given = tmp_path / 'model.json', tmp_path / 'there.csv'
+    made = PointingModel(dict.fromkeys(mount.names.physical, 40.0 * ARCSEC), mount=mount)
+    made.save(path)
+    pair, read = [f'{name}_deg' for name in names], [f'{name}_enc_deg' for name in names]
+    angles = [(30, 190), (70, 230), (120, 269)]
+    turned = made.sky_to_encoder(*np.array(angles).T * DEG - [[0.0], [2.0 * np.pi]])
+    expected = np.array(turned).T / DEG + [0.0, 360.0]
+    for columns, to, rows, back, options in ((pair, read, angles, expected, []), (
+            read, pair, expected.tolist(), angles, ['--reverse'])):
+        given.write_text(','.join(columns) + '\n' + ''.join(f'{a!r},{b!r}\n' for a, b in rows))
+        code, out, _ = ended('apply', path, given, *options)
+        got = [[float(row[name]) for name in to] for row in table(out)]
+        assert code == 0
+        np.testing.assert_allclose(got, back, atol=1e-8)
+    given.write_text(','.join(pair) + '\n30,271\n30,60\n30,61\n')
+    assert "'271' is no such angle in degrees" in ended('apply', path, given)[2]
+
+
 PLAIN = 'time,az_deg,el_deg,run\n' + ''.join(
     f'2026-01-15T13:0{i}:00Z,{10.5 + i},{45.25 + i},2\n' for i in range(5))
 
