@@ -25,6 +25,7 @@ from pointing_model.runs.columns.column_names import OTHER_NAMES
 from pointing_model.runs.columns.declarations import declarations
 from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.columns.run_table import content, read_lines
+from pointing_model.runs.columns.text_rows import CLOCK, day_unit
 from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
 from pointing_model.sky.orbits.orbit_files import Orbits
@@ -178,6 +179,7 @@ def _read(path, site, mount):
             f'{path}: a track needs time and {", ".join(keys)} (or where the satellite was seen: '
             f'az_deg, el_deg, or ra_deg, dec_deg); there are {", ".join(table.header[:20])}')
     read = {'time': table.times('time', table['time'])}
+    _check_clock(table, read['time'])
     wanted = [*(keys if set(keys) <= header else seen), 'miss_x_arcsec', 'miss_y_arcsec',
               'temperature_c', 'pressure_hpa']
     for column in wanted:
@@ -199,6 +201,17 @@ def _read(path, site, mount):
                  declared.get('site') or {}, declared.get('weather') or {},
                  mount or declared.get('mount_declared'),
                  keys, notes)
+
+
+def _check_clock(table, time):
+    """Refuse times that count from another start than 1970: an orbit needs UTC."""
+    known = time[np.isfinite(time)]
+    if not len(known) or np.median(known) >= CLOCK:
+        return
+    unit = day_unit(known.min())
+    asked = f'is this {unit}?' if unit else 'they count from an arbitrary start.'
+    raise ValueError(f'{table.path}, column time: {known.min():.10g} to {known.max():.10g} are no '
+                     f'seconds since 1970: {asked} Give seconds since 1970 (UTC) or ISO 8601')
 
 
 def _site_of(parts, runs, path, given):

@@ -90,6 +90,13 @@ def test_stamps_of_another_scale_are_named(refused, folder):
      'a track needs time and az_enc_deg, el_enc_deg'),
     ('time,satellite,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,A01,,45\n', (),
      'no row has time, az_enc_deg, el_enc_deg'),
+    *[('time,satellite,az_enc_deg,el_enc_deg\n' + ''.join(
+        f'{start + step},A01,1,45\n' for step in (0.0, 0.25)), (), message)
+      for start, message in (
+          (2458090.25, '2458090.25 to 2458090.5 are no seconds since 1970: is this Julian days? '
+           'Give seconds since 1970 (UTC) or ISO 8601'),
+          (58089.5, '58089.5 to 58089.75 are no seconds since 1970: is this days (MJD)? Give'),
+          (20.0, 'they count from an arbitrary start. Give seconds since 1970'))],
 ])
 def test_bad_input_is_one_line(refused, folder, tmp_path, text, more, message):
     path = tmp_path / 'track.csv'

@@ -248,6 +248,11 @@ def _no_number(cell):
     return 'is not a number'
 
 
+def day_unit(value):
+    """Of which days a number of seconds would be a date, in words; '' where of none."""
+    return 'Julian days' if value > 2.4e6 else 'days (MJD)' if value > 3e4 else ''
+
+
 def _likely_unit(value):
     """A question after a unit in which a number would be a time."""
     return next((f' (is this {word}?)' for scale, word in (

@@ -29,7 +29,7 @@ from ..columns.cells import Cells, delimiter_of, split_row, write_rows
 from ..columns.column_names import CSV_NAMES, HORIZON_NAMES, OTHER_NAMES, near_column
 from ..columns.declarations import declarations
 from ..columns.run_table import RunFormat, RunTable, content
-from ..columns.text_rows import CLOCK, UNKNOWN, decimal_points, is_number
+from ..columns.text_rows import CLOCK, UNKNOWN, day_unit, decimal_points, is_number
 
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
@@ -243,8 +243,7 @@ def _refuse_other_units(table, values, meta):
     if len(known) < 5 or known[0] == known[-1]:
         return
     gap = (known[-1] - known[0]) / (len(known) - 1)
-    unit = 'Julian days' if known[0] > 2.4e6 else 'days (MJD)' if known[0] > 3e4 \
-        else 'hours' if known[-1] <= 48.0 else 'days'
+    unit = day_unit(known[0]) or ('hours' if known[-1] <= 48.0 else 'days')
     text = f'rows are {gap:.2g} s apart on average; seconds are expected: is this {unit}?'
     if gap < _TOO_CLOSE:
         raise ValueError(f'{table.path}, column time, rows {table.lines[finite][0]} to '
