@@ -113,7 +113,7 @@ def _value(value, sigma, digits=1, unit=''):
 def season_lines(document):
     """What the table has no room for, a list of str."""
     found = document['causes']
-    lines = [found['text']]
+    lines = [found['text'], *found['odd']]
     if found['drivers']:  # else the text has them
         lines += [f'not tried: {line}' for line in found['not_tried']]
     if found['left_out']:

@@ -60,6 +60,10 @@ KINDS = {
     'covariate unknown': _unknown,
     'covariate constant': lambda found: (
         f'{_words(found.causes)}: constant ({found.size:.2g} {found.unit} rms over the nights)'),
+    'odd power-on': lambda found: (
+        f'power-on {found["run"]} is left out: its zero of {found["axis"]} is {found.size:+.0f}" '
+        f'off what the others say, {found["times"]:.0f} times their error. See what was wrong '
+        'there'),
     'few power-ons': _few,
     'causes of zeros': _causes,
     'zero follows': _follows,

@@ -47,6 +47,10 @@ COVARIATES = {
 CAUSE, INCONCLUSIVE, NOTHING = 'cause', 'undecided', 'nothing'
 #: unknown in more of the nights than this share, a covariate is not tried
 _UNKNOWN = 0.3
+#: power-ons from which on single ones may be left out, and times the error of what the others say
+#: of them from where they are; the least error that is thought of, rad
+_FEWEST, _ODD, _LEAST = 8, 10.0, ARCSEC
+_ROUNDS = 50
 
 
 @dataclass(frozen=True)
@@ -153,6 +157,55 @@ def _complete(season, names):
     return season.select(good)
 
 
+def _without_odd(season, names):
+    """The season without single power-ons far from what the others say, and a Finding on each.
+
+    A wrong star, or marks that were missed, follow nothing, and one hides every cause. What the
+    neighbours share may be a step that stays, as may the last one: these remain.
+    """
+    n = len(season)
+    if n < _FEWEST:
+        return season, []
+    out, (offs, times) = np.zeros(n, bool), np.empty((2, 2, n))
+    for axis in range(2):
+        far = _far(season, axis, names)
+        line = _fit(season.select(~far), axis, names)
+        values = np.array([season.covariates[name][:, axis] for name in names]).reshape(-1, n)
+        expected, sigma = np.transpose([line.at(one) for one in values.T])
+        off = season.zeros[:, axis] - expected
+        error = np.hypot(np.hypot(sigma, np.nan_to_num(season.sigmas[:, axis])), _LEAST)
+        beside = np.abs(np.diff(off, prepend=np.inf, append=np.inf))
+        off_alone = np.minimum(np.abs(off), np.minimum(beside[:-1], beside[1:]))
+        offs[axis], times[axis] = off, np.abs(off) / error
+        out |= far & (off_alone > _ODD * error)
+    out[-1] = False
+    if not out.any() or out.sum() > n // 3:
+        return season, []
+    found = []
+    for night in np.flatnonzero(out):
+        axis = int(np.argmax(times[:, night]))
+        found.append(Finding('odd power-on', float(offs[axis, night]) / ARCSEC, evidence={
+            'run': int(season.run[night]), 'axis': AXES[axis],
+            'times': float(times[axis, night])}))
+    return season.select(~out), found
+
+
+def _far(season, axis, names):
+    """Which zeros are far from the line of least absolute distance, ndarray of bool, shape (n,)."""
+    n = len(season)
+    design = np.array([np.ones(n), *(season.covariates[name][:, axis] for name in names)])
+    design[1:] -= design[1:].mean(axis=1, keepdims=True)
+    design /= np.linalg.norm(design, axis=1, keepdims=True) + 1e-300
+    zeros = season.zeros[:, axis] / ARCSEC
+    left = zeros - np.median(zeros)
+    for _ in range(_ROUNDS):
+        root = 1.0 / np.sqrt(np.maximum(np.abs(left), 1e-6))
+        left = zeros - np.linalg.lstsq((design * root).T, zeros * root)[0] @ design
+    # that many it goes through, whatever they are
+    scatter = 1.4826 * np.median(np.sort(np.abs(left))[len(design):])
+    return np.abs(left) > _ODD * max(scatter, _LEAST / ARCSEC)
+
+
 _NO_CHOICE = CovariateChoice(*[((), ())] * 3, np.ones(2), np.ones(2))
 
 
@@ -212,6 +265,7 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
     dict
         JSON-ready but for findings. ``verdict`` (`CAUSE`, `UNDECIDED` or `NOTHING`) and ``text``;
         ``nights``, ``left_out`` (numbers of the power-ons of which a covariate is not known),
+        ``odd`` (findings on those that are left out for they are far from what the others say),
         ``drivers`` (those tried), ``not_tried`` (findings), ``p`` over all covariates and both
         axes; ``axes``: of each ``verdict``, ``text``, ``p``, ``p_levels`` (of the zeros as they are
         alone), ``causes`` (``driver``, ``slope_arcsec``, ``sigma_arcsec`` a ``unit``), ``alike``,
@@ -222,7 +276,8 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
         those ``missing``) or None.
     """
     names, why = usable_covariates(season)
-    used = _complete(season, names)
+    complete = _complete(season, names)
+    used, odd = _without_odd(complete, names)
     enough = len(used) >= fewest_epochs(alpha)
     found = _choice(used, names, alpha, seed) if enough else _NO_CHOICE
     lines = [_fit(used, axis, found.causes[axis]) for axis in range(2)] if len(used) > 1 else None
@@ -234,14 +289,15 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
     verdict = next((v for v in (CAUSE, INCONCLUSIVE) if v in verdicts), NOTHING)
     out = {
         'verdict': verdict, 'nights': len(used), 'alpha': alpha,
-        'left_out': sorted({int(r) for r in season.run} - {int(r) for r in used.run}),
+        'left_out': sorted({int(r) for r in season.run} - {int(r) for r in complete.run}),
+        'odd': odd,
         'drivers': names, 'not_tried': why,
         'p': float(found.p.min()) if enough and names else None, 'axes': axes,
         'tonight': None,
     }
     if not enough:
         out['text'] = Finding('few power-ons', len(used), unit='power-ons', evidence={
-            'needed': fewest_epochs(alpha), 'incomplete': max(len(season) - len(used), 0)})
+            'needed': fewest_epochs(alpha), 'incomplete': max(len(season) - len(complete), 0)})
     else:
         out['text'] = Finding('causes of zeros', evidence={
             'not_tried': why if not names else [],

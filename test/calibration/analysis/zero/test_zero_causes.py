@@ -185,6 +185,47 @@ def test_a_night_without_temperature_is_left_out():
     assert names(found, 'azimuth') == ['temperature']
 
 
+def _off(given, arcsec, axis=0):
+    """The season with zeros that are off: place -> arcsec."""
+    zeros = given.zeros.copy()
+    for night, value in arcsec.items():
+        zeros[night, axis] += value * ARCSEC
+    return replace(given, zeros=zeros)
+
+
+@pytest.mark.parametrize('arcsec', [{4: 400.0}, {0: -150.0}, {3: 400.0, 9: -90.0}])
+def test_an_odd_power_on_is_left_out_and_named(arcsec):
+    given = season(1, n=14, slope=3.0)
+    tonight = {'temperature': [20.0, 20.0]}
+    found = zero_causes(_off(given, arcsec), tonight)
+    assert names(found, 'azimuth') == ['temperature'] and found['left_out'] == []
+    assert found['nights'] == 14 - len(arcsec)
+    cause, = found['axes']['azimuth']['causes']
+    assert cause['slope_arcsec'] == pytest.approx(3.0, abs=0.5)
+    assert found['tonight']['azimuth']['sigma_arcsec'] < 8.0
+    said = zip(found['odd'], arcsec.items(), strict=True)
+    for text, (night, size) in said:
+        assert text.startswith(f'power-on {night} is left out: its zero of azimuth is ')
+        assert float(text.split('azimuth is ')[1].split('"')[0]) == pytest.approx(size, abs=10.0)
+
+
+@pytest.mark.parametrize('arcsec', [
+    {}, {13: 400.0}, dict.fromkeys(range(8, 14), 400.0),  # the last, and a step that stays
+    {5: 400.0, 6: 400.0}, {i: 400.0 * (-1.0) ** i for i in range(1, 13, 2)}])
+def test_what_is_no_single_odd_power_on_stays(arcsec):
+    found = zero_causes(_off(season(1, n=14, slope=3.0), arcsec), leave_out=False)
+    assert found['odd'] == [] and found['nights'] == 14
+
+
+def test_what_a_covariate_explains_is_not_odd():
+    side = np.ones((14, 2))
+    side[[3, 7, 10]] = -1.0
+    given = _off(season(1, n=14, noise=1.0, side=side), {3: 400.0, 7: 400.0, 10: 400.0})
+    assert zero_causes(given, leave_out=False)['odd'] == []
+    assert sum(bool(analysis.zero_causes(season(s, n=8, walk=5.0), leave_out=False)['odd'])
+               for s in range(30)) == 0
+
+
 @pytest.mark.parametrize('n', [0, 1, 2, 5])
 def test_too_few_nights_are_said(n):
     found = zero_causes(season(1, n=n, slope=3.0, noise=0.1), {'temperature': [3.0, 3.0]})
