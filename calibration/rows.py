@@ -166,6 +166,11 @@ class Usable(NamedTuple):
     excluded: list
     raised: list = ()
 
+    def with_ratios(self, ratios):
+        """With the sigmas of x and y multiplied by what is above 1, as of `Estimate.ratios`."""
+        return self if self.sigmas is None else self._replace(sigmas=self.sigmas * np.repeat(
+            np.maximum(ratios, 1.0), len(self.rows)))
+
     def only(self, good, reason):
         """Those where `good`, shape (m,), holds; the others are excluded with the reason."""
         if good.all():

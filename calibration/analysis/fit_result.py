@@ -50,7 +50,7 @@ class FitResult:
         Radians^2. Directions in `dropped` are not in it: those of `undetermined` are what they
         are beside the ones that are held at zero, and only predictions among the observed stars
         have a meaning.
-    covariance_from : {'given sigmas', 'measured scatter'}
+    covariance_from : {'given sigmas', 'multiplied sigmas', 'measured scatter'}
         What the covariance is scaled by.
     scatter : tuple of float
         Noise of x and y, radians (per axis, with the degrees of freedom that the fit took).
@@ -72,11 +72,13 @@ class FitResult:
         they are few, tested (`few_rows`).
     iterations : int
     freedom : ndarray, shape (k,)
-        Degrees of freedom of each standard error; infinite from given sigmas.
+        Degrees of freedom of each standard error; infinite from given sigmas that hold.
     undetermined : tuple of str
         Coefficients with a share in `dropped`: see `estimate.Undetermined`.
     raised : list of dict
         Sigmas that were taken larger than they are given, see `rows.Usable`.
+    ratios : tuple of float
+        As of `estimate.Estimate`.
     zeros : PowerOnZero or Zeros
         What was taken off the encoder's angles; where the zeros of the runs were fitted with the
         rest, of each with that, and the covariance of its distance from the first.
@@ -102,6 +104,7 @@ class FitResult:
     freedom: np.ndarray
     undetermined: tuple = ()
     raised: list = ()
+    ratios: tuple = (1.0, 1.0)
     zeros: PowerOnZero | Zeros = NO_ZERO
     linear: Linearisation | None = None
 
@@ -120,7 +123,7 @@ class FitResult:
     @property
     def few(self):
         """Whether sigmas mislead for want of rows: 95 % are not within two of them."""
-        return self.degrees_of_freedom < FEW and self.covariance_from == 'measured scatter'
+        return self.degrees_of_freedom < FEW and self.covariance_from != 'given sigmas'
 
     @property
     def within95(self):
@@ -189,7 +192,16 @@ class FitResult:
         word = 'row' if run.meta.get('lines') is None else 'line'
         out += [Finding('raised sigma', evidence={
             **one, 'place': f'{word} {run.lines[one["row"]]}'}) for one in self.raised]
-        return [*out, *self.freedom_findings]
+        return [*out, *self.sigma_findings(run.mount.names.axes), *self.freedom_findings]
+
+    def sigma_findings(self, axes):
+        """Findings on given sigmas that are not what the axes, of these names, scatter by."""
+        each = {'sigmas multiplied': {axis: one for axis, one in zip(axes, self.ratios)
+                                      if one > 1.0},
+                'sigmas too large': {axis: one for axis, one in zip(axes, self.ratios)
+                                     if one < 1.0}}
+        return [Finding(kind, evidence={'ratios': ratios})
+                for kind, ratios in each.items() if ratios]
 
     @property
     def freedom_findings(self):
@@ -302,7 +314,8 @@ def make_result(run, names, used, found, model, zeros, notes):
         scatter = tuple(of * rms(s) for of, s in zip(scatter, sigmas.reshape(2, n)))
     undetermined = tuple(names[i] for i in left_open.terms)
     fitted = rms_arcsec(residual_x, residual_y)
-    covariance_from = 'measured scatter' if sigmas is None else 'given sigmas'
+    covariance_from = ('measured scatter' if sigmas is None else
+                       'multiplied sigmas' if max(found.ratios) > 1.0 else 'given sigmas')
     facts = {
         'source': run.meta.get('source'),
         'rows': fitted.n,
@@ -332,5 +345,6 @@ def make_result(run, names, used, found, model, zeros, notes):
         rank=found.rank, singular_values=found.singular_values,
         dropped=_dropped(left_open, names), residual_x=residual_x, residual_y=residual_y,
         weights=w, excluded=excluded, robust=found.robust, iterations=found.iterations,
-        freedom=found.freedom, undetermined=undetermined, raised=used.raised, zeros=zeros,
+        freedom=found.freedom, undetermined=undetermined, raised=used.raised,
+        ratios=found.ratios, zeros=zeros,
         linear=Linearisation.of(names, found, used.rows, len(run), sigmas))

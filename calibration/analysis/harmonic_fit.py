@@ -311,7 +311,7 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
         fitted = recipe.fit(rows, choice, degree, terms)
     series = fitted.model.harmonics
     label = choice.label(degree, recipe.names or rows.mount.names.physical)
-    findings = fitted.open_directions
+    findings = [*fitted.open_directions, *fitted.sigma_findings(rows.mount.names.axes)]
     best = min(tried['choices'], key=lambda one: one['radial'], default=None)
     if degree not in own:
         findings.append(Finding('not cross-validated', evidence={'model': label}))

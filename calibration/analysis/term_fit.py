@@ -174,7 +174,8 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     ----------
     run : PointingRun
         The columns ``sigma_x`` and ``sigma_y`` weigh the rows if both are there; else all weigh
-        the same. Rows with values that are not finite are left out and listed.
+        the same. Where an axis scatters by more than chance beyond its sigmas, these are
+        multiplied by the ratio. Rows with values that are not finite are left out and listed.
     names : sequence of str, optional
         Terms to fit, of `pointing_terms.terms_of` the run's mount; by default its physical ones.
     held : PointingModel, or dict of str to float, optional
@@ -239,6 +240,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
         trig, terms, turned, observed, columns, design, mount)
     found = gauss_newton(problem, used.sigmas, LOSS if robust else None, rcond,
                          mild_sigmas(used.sigmas), zeros_of_axes, **solver)
+    used = used.with_ratios(found.ratios)
     facts = {'method': 'terms', 'encoder': encoder, 'rcond': rcond}
     if held is not None:
         facts['held'] = base.provenance.get('source') or ', '.join(base.terms)
@@ -367,6 +369,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     design, runs, names_of_zeros = _with_zeros(columns, run, used, run_zeros)
     found = gauss_newton(LinearProblem(observed, design), used.sigmas, LOSS if robust else None,
                          rcond, mild_sigmas(used.sigmas))
+    used = used.with_ratios(found.ratios)
     covariance = found.covariance[:k, :k]
     if after is not None:
         weights = found.weights if used.sigmas is None else (

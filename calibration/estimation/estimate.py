@@ -123,6 +123,10 @@ class Estimate(NamedTuple):
     iterations: int = 1
     log_likelihood: float | None = None  # restricted, but for a constant
     design: object = None  # (k, axes * n), where it ended, of the coefficients that are not held
+    scatter_freedom: tuple = ()  # degrees of freedom of the scatter of each axis; one: of both
+    #: of each axis the scatter in sigmas as given, 1 where chance explains that it is another; by
+    #: what is above 1 the sigmas were multiplied
+    ratios: tuple = (1.0, 1.0)
 
 
 class Linearisation(NamedTuple):

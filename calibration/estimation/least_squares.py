@@ -357,12 +357,13 @@ class Uncertainty(NamedTuple):
     covariance: np.ndarray  # (k, k), of the coefficients
     scatter: tuple  # standard deviation of x and y, in the unit of the residual, or in sigmas
     freedom: np.ndarray  # (k,), or as many as the basis gives: of each standard error
+    scatter_freedom: tuple  # of the scatter of x and y; one: of both
 
 
-def uncertainty_of(system, solution, row_weights, loss, given, basis):
+def uncertainty_of(system, solution, row_weights, loss, known, basis):
     """Covariance of the coefficients, the scatter of each axis, and how well they are known.
 
-    The inverse normal matrix if the sigmas were given; else sandwiched with the measured
+    The inverse normal matrix if the sigmas are known; else sandwiched with the measured
     variance of each axis, so that axes of different noise keep their own. The loss's loss of
     efficiency is in it.
 
@@ -378,8 +379,8 @@ def uncertainty_of(system, solution, row_weights, loss, given, basis):
         Of it, with the weights of rows.
     row_weights : ndarray, shape (n,), or None
     loss : robust.Loss, or None
-    given : bool
-        Whether the sigmas were.
+    known : sequence of bool
+        Whether the sigmas of x, and of y, are.
     basis : ndarray, shape (m, k)
         Of m coefficients in which the covariance and the freedom are to be.
 
@@ -389,19 +390,20 @@ def uncertainty_of(system, solution, row_weights, loss, given, basis):
     """
     inverse, x_normal = solution.inverse, system.normal(row_weights, 0)
     variances, free = _noises(system, solution, row_weights, loss, inverse @ x_normal)
-    if given:
+    if all(known):
         covariance, freedom = basis @ inverse @ basis.T, np.full(len(basis), np.inf)
     else:
         # H^-1 (vx Gx + vy Gy) H^-1 with Gy = H - Gx
         by_x = inverse @ x_normal @ inverse
-        by_axis = [variance * (basis @ of @ basis.T)
-                   for variance, of in zip(variances, (by_x, inverse - by_x))]
+        by_axis = [(1.0 if exact else variance) * (basis @ of @ basis.T)
+                   for exact, variance, of in zip(known, variances, (by_x, inverse - by_x))]
         covariance = by_axis[0] + by_axis[1]
         each = np.maximum([of.diagonal() for of in by_axis], 0.0)
         freedom = (np.full(len(basis), free[0]) if len(free) == 1
-                   else satterthwaite(each.T, free))
+                   else satterthwaite(each.T, np.where(known, np.inf, free)))
     inflation = 1.0 if row_weights is None else loss.inflation
-    return Uncertainty(covariance * inflation, tuple(np.sqrt(variances).tolist()), freedom)
+    return Uncertainty(covariance * inflation, tuple(np.sqrt(variances).tolist()), freedom,
+                       tuple(free))
 
 
 def _noises(system, solution, row_weights, loss, hat):

@@ -110,6 +110,13 @@ def _raised_sigma(found):
             f'below the others\'; taken as {found["taken"] / ARCSEC:.3g}″, a fifth of their median')
 
 
+def _times_sigmas(found):
+    one, *more = [f'{ratio:.2g} times the given sigmas in {axis}'
+                  for axis, ratio in found['ratios'].items()]
+    return ''.join(['residuals scatter ', one, *(
+        f', {ratio.replace(" times the given sigmas", "")}' for ratio in more)])
+
+
 def _little_freedom(found):
     dof = found['degrees']
     return (f'{dof} degree{"s" * (dof != 1)} of freedom: use the 95 % intervals (Student\'s t); '
@@ -172,6 +179,10 @@ def _sigma_of_solver(found):
 KINDS = {
     'undetermined terms': _undetermined,
     'raised sigma': _raised_sigma,
+    'sigmas multiplied': lambda found: (
+        f'{_times_sigmas(found)}: these are multiplied by that'),
+    'sigmas too large': lambda found: (
+        f'{_times_sigmas(found)}: errors of the terms are by these, and likely too large'),
     'few degrees of freedom': _little_freedom,
     'rows not judged': lambda found: (
         'no row could be tested as an outlier: observe more'),

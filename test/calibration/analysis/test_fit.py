@@ -17,6 +17,7 @@ import pytest
 from noisy_run import MODEL, TRUTH, make_run
 
 from calibration.analysis.term_fit import fit_first_order, fit_harmonics, fit_terms
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
@@ -96,7 +97,7 @@ def test_fit_terms_and_fit_first_order_agree():
 @pytest.mark.parametrize('noise, outliers, given', [
     ((1, 1), 0, False), ((0.6, 1.8), 0, False), ((1, 1), 6, False), ((1, 1), 0, True)])
 def test_errors_are_what_the_covariance_says(noise, outliers, given):
-    z = []
+    z, origins = [], []
     for seed in range(150):
         rng = np.random.default_rng([5, seed])
         columns = {}
@@ -106,12 +107,14 @@ def test_errors_are_what_the_covariance_says(noise, outliers, given):
         run = make_run(rng, 60, sigma if given else noise, **columns)
         run['el_enc'][:outliers] += 30 * ARCSEC
         fit = fit_terms(run)
-        assert fit.covariance_from == ('given sigmas' if given else 'measured scatter')
+        origins.append(fit.covariance_from)
         z.append((fit.coefficients - TRUTH) / fit.sigma)
         # and in a correlated combination
         direction = np.array([1.0, 0, 1, 1, 0, 0, 0])
         z[-1] = np.append(z[-1], direction @ (fit.coefficients - TRUTH)
                           / np.sqrt(direction @ fit.covariance @ direction))
+    # right sigmas are hardly ever multiplied
+    assert origins.count('given sigmas' if given else 'measured scatter') > 0.98 * len(origins)
     spread = np.sqrt(np.mean(np.square(z), axis=0))
     assert np.all((spread > 0.8) & (spread < 1.22)), spread
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.08)
@@ -158,6 +161,58 @@ def test_given_sigmas_weigh():
     both = fit_terms(run)
     np.testing.assert_allclose(both.sigma, good.sigma, rtol=0.15)
     assert np.all(np.abs(both.coefficients - TRUTH) < 4 * both.sigma)
+
+
+def given_run(rng, n, sigmas):
+    columns = {f'sigma_{axis}': np.full(n, sigma * ARCSEC) for axis, sigma in zip('xy', sigmas)}
+    return make_run(rng, n, (1, 1), **columns)
+
+
+@pytest.mark.parametrize('n', [12, 50])
+@pytest.mark.parametrize('given, wrong', [
+    ((0.2, 0.2), ('azimuth', 'elevation')), ((1, 0.2), ('elevation',)), ((0.1, 1), ('azimuth',))])
+def test_sigmas_that_are_too_small_are_multiplied(n, given, wrong):
+    beyond = []
+    for seed in range(60):
+        run = given_run(np.random.default_rng([21, seed]), n, given)
+        fit = fit_terms(run)
+        (found,) = [one for one in fit.findings(run) if 'sigmas' in one.kind]
+        assert found.kind == 'sigmas multiplied' and fit.covariance_from == 'multiplied sigmas'
+        if n == 50:
+            assert set(found['ratios']) >= set(wrong)
+            for axis, sigma in zip(('azimuth', 'elevation'), given):
+                assert found['ratios'].get(axis, 1.0) == pytest.approx(1.0 / sigma, rel=0.5)
+        beyond.append(np.abs(fit.coefficients - TRUTH) > fit.within95)
+    assert 0.02 < np.mean(beyond) < 0.08
+    assert 'times the given sigmas in' in wording(found)
+
+
+def test_sigmas_that_are_too_large_stay_and_are_said():
+    run = given_run(np.random.default_rng(22), 50, (5, 5))
+    fit = fit_terms(run)
+    (found,) = fit.findings(run)
+    assert found.kind == 'sigmas too large' and set(found['ratios']) == {'azimuth', 'elevation'}
+    assert all(0.15 < ratio < 0.27 for ratio in found['ratios'].values())
+    right = given_run(np.random.default_rng(22), 50, (1, 1))
+    known = fit_terms(right)
+    assert not known.findings(right) and np.isinf(known.freedom).all()
+    np.testing.assert_allclose(fit.sigma, 5.0 * known.sigma, rtol=0.02)
+
+
+def test_outliers_multiply_no_sigma():
+    run = given_run(np.random.default_rng(23), 60, (1, 1))
+    run['el_enc'][:4] += 60 * ARCSEC
+    assert fit_terms(run).ratios == (1.0, 1.0)
+
+
+def test_harmonics_have_their_sigmas_multiplied_too():
+    run = given_run(np.random.default_rng(24), 80, (0.25, 0.25))
+    terms, plain = fit_terms(run), PointingRun(
+        {name: of for name, of in run.columns.items() if 'sigma' not in name})
+    found = fit_harmonics(run, after=terms, degree=2)
+    alike = fit_harmonics(plain, after=fit_terms(plain), degree=2)
+    assert all(3.0 < ratio < 5.5 for ratio in found.ratios)
+    np.testing.assert_allclose(found.sigma, alike.sigma, rtol=0.1)
 
 
 def test_rank_deficient_sky_is_reported():
