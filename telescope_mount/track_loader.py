@@ -141,6 +141,9 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
         columns.append(_star_columns(run, frame))
         names.append(np.full(len(run), STARS, dtype=object))
     joined = _joined(columns)
+    if 'run' in joined:
+        unknown = np.isnan(joined['run'])
+        joined['run'][unknown] = min(set(range(len(unknown) + 1)) - set(joined['run'].tolist()))
     base, unknown = air_at(site.height, weather), np.full(len(joined['time']), np.nan)
     own = {key: joined.get(name, unknown) for name, key in _AIR}
     air = replace(base, **{key: np.where(np.isfinite(of), of, getattr(base, key))
@@ -181,7 +184,7 @@ def _read(path, site, mount):
     read = {'time': table.times('time', table['time'])}
     _check_clock(table, read['time'])
     wanted = [*(keys if set(keys) <= header else seen), 'miss_x_arcsec', 'miss_y_arcsec',
-              'temperature_c', 'pressure_hpa']
+              'temperature_c', 'pressure_hpa', 'run']
     for column in wanted:
         if column in header:
             read[column] = table.floats(column, table[column])
@@ -261,6 +264,8 @@ def _measured(part, site, height, weather, mount, notes):
         raise ValueError(f'{part.path}: {error}') from None
     notes += said
     out |= {name: np.broadcast_to(getattr(air, key), len(out['time'])) for name, key in _AIR}
+    if 'run' in cells:
+        out['run'] = cells['run']
     if set(part.keys) <= set(cells):
         keys = tuple(column_name(axis, mount.names) for axis in ('az_enc', 'el_enc'))
         if part.keys != keys:
@@ -294,8 +299,10 @@ def _star_columns(run, mount):
     if not np.isfinite(time).all():
         raise ValueError(f'{run.meta.get("source")}: stars beside tracks need the time of every '
                          'row (column time)')
-    return {name: np.asarray(run[name], float) for name in (
-        'az', 'el', 'az_enc', 'el_enc', 'temperature', 'pressure') if name in run} | {'time': time}
+    # the zeros of a log's power-ons are taken off
+    names = ('az', 'el', 'az_enc', 'el_enc', 'temperature', 'pressure',
+             *([] if 'az_raw' in run else ['run']))
+    return {name: np.asarray(run[name], float) for name in names if name in run} | {'time': time}
 
 
 def _joined(parts):

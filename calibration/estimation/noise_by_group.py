@@ -39,6 +39,9 @@ _SIZES = 4.0 ** np.arange(-2.0, 3.0)
 #: of a noise that no longer counts beside the likeliest
 _UNLIKELY = 1e-4
 _MOST = 12  # noises that are averaged
+#: values beyond what is fitted from which on a group tells its noise by itself, and values that a
+#: column must have in it: one of fewer takes on whatever is in these rows
+_FREEDOM, _SUPPORT = 20, 10
 _BESIDE = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
 
 
@@ -84,7 +87,7 @@ class GroupNoise:
 
 
 def group_roots(columns, b, groups, time, run, factor, memory):
-    """White noise of each group, by its own rows alone.
+    """White noise of each group, by its own rows alone; of few rows, that of the other groups.
 
     Parameters
     ----------
@@ -110,14 +113,16 @@ def group_roots(columns, b, groups, time, run, factor, memory):
     weights : ndarray, shape (n,)
     """
     n = len(b) // 2
-    root, weights = np.zeros(2 * n), np.ones(n)
+    root, weights, few = np.zeros(2 * n), np.ones(n), []
     for group, remembers in enumerate(memory):
         rows = np.flatnonzero(groups == group)
-        if not len(rows):
-            continue
         both = np.concatenate((rows, rows + n))
         own = columns[:, both]
-        own = GroupColumns.alone(own[np.any(own != 0.0, axis=1)])
+        own = own[np.count_nonzero(own, axis=1) >= _SUPPORT]
+        if 2 * len(rows) < len(own) + _FREEDOM:
+            few.append(both)
+            continue
+        own = GroupColumns.alone(own)
         fit = weighted_fit(own, b[both], final=True)
         white = np.ones(2)
         if remembers and len(rows) >= LEAST_ROWS:
@@ -125,6 +130,12 @@ def group_roots(columns, b, groups, time, run, factor, memory):
             white = [one.scale / s for one, s in zip(found, fit.scale)]
         root[both] = fit.noise.root / np.repeat(white, len(rows))
         weights[rows] = fit.weights
+    if few:
+        known = white_sigmas(root)
+        if not (known > 0.0).all():  # no group tells it: all rows together
+            known = weighted_fit(GroupColumns.alone(columns), b, final=True).scale
+        for both in few:
+            root[both] = np.repeat(1.0 / known, len(both) // 2)
     return root, weights
 
 

@@ -14,7 +14,7 @@
 
 """Words for what a diagnosis notes beside its verdict: rows, sessions, what was dropped."""
 
-from pointing_model.effects.base import driver_word, readable, the
+from pointing_model.effects.base import arcsec, driver_word, readable, the
 from pointing_model.mount_kinds import kind_of
 
 _FIRST = 2  # effects that a first answer names
@@ -177,6 +177,9 @@ KINDS = {
     'worse on rows left out': lambda found: (
         f'The effects predict left-out {found["what"]} worse {_figures(found)}: they may hold for '
         'these observations alone. Validate them on another run (--holdout).'),
+    'held-out night contradicts': lambda found: (
+        f'The night {found["run"]} contradicts what was found: {arcsec(found.before)} without it, '
+        f'{arcsec(found.after)} with it. Do not use the effects beyond the run that was fitted.'),
     'rows searched': _rows_searched,
     'first answer': _first_answer,
     'columns not taken': _columns_not_taken,

@@ -14,6 +14,15 @@
 
 """Sentences on tracks of satellites, their orbits and the station's clock."""
 
+from datetime import datetime, timezone
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.effects.base import arcsec
+
+from .number_wording import value_and_error
+
 
 def _seconds(value, sigma):
     if abs(value) < 1.0:
@@ -34,6 +43,21 @@ def _orbit_wrong(found):
             f'({_percent(found.size)}): its rows are left out')
 
 
+def _pass_left_out(found):
+    why = ('most are outliers' if np.isnan(found.size) else
+           f'they are {arcsec(found.size / ARCSEC)} from where the others say')
+    begin = datetime.fromtimestamp(found['begin'], timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
+    return (f'The pass of {found.causes[0]} that begins {begin} is left out with its '
+            f'{found["rows"]} rows: {why}. Check stamps, satellite and power-on')
+
+
+def _zero_of_power_on(found):
+    apart = ', '.join('{} {} ± {}″'.format(name, *value_and_error(*one))
+                      for name, one in found['zeros'].items())
+    return (f'The terms have the zeros of power-on {found["newest"]:g}, the newest. Those of '
+            f'power-on {found["run"]:g} differ: {apart}')
+
+
 def _one_of_these(found):
     return (f'One of these orbits is wrong along the track: {", ".join(found.causes)} '
             f'({_percent(found.size)}). The data cannot distinguish them: observe another arc '
@@ -50,6 +74,14 @@ def _stamps(found):
 KINDS = {
     'orbit wrong': _orbit_wrong,
     'one orbit of these wrong': _one_of_these,
+    'pass left out': _pass_left_out,
+    'tracks disagree': lambda found: (
+        f'The tracks disagree: {found.size:.1f}" are left (RMS), {found.size / found["noise"]:.0f} '
+        'times the noise of the rows. An orbit, a pass or a stamp is wrong, or a zero has moved: '
+        'do not trust these terms'),
+    'outliers of tracks': lambda found: (
+        f'{found.size} of {found["of"]} rows are left out as outliers'),
+    'zero of a power-on': _zero_of_power_on,
     'stamps off': _stamps,
     'not the satellite': lambda found: (
         f'the rows are {found.size:.1f} degrees from where the orbits say, beyond the zeros of the '

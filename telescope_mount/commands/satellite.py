@@ -73,11 +73,11 @@ def run(args):
     place = options.place_of(args)
     measured = load_tracks(args.tracks, args.orbit, args.object, args.stars, site=place.get('site'),
                            weather=place.get('weather'), mount=args.mount)
-    found = wrong_track(measured)
+    bias_free = tuple(orbit.name for orbit in map(_named(measured), args.time_bias))
+    found = wrong_track(measured, bias_free)
     if found is not None:
         raise ValueError(f'{args.tracks[0]}: {wording(found)}')
     held = args.model and PointingModel.load(args.model)
-    bias_free = tuple(orbit.name for orbit in map(_named(measured), args.time_bias))
     console = new_console()
     with ProgressLine(first='fitting the tracks'):
         tracks, origin = with_origin(measured.tracks())

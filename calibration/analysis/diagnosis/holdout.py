@@ -35,6 +35,9 @@ from .reading_fits import MOST_LEFT_OUT
 #: telescope in six years, seven terms fitted to each, 61 leave less than 1.5 times their median
 #: and 64 less than 2 times
 BAD_NIGHT = 2.0
+#: standard errors of the mean by which squares of one night are larger with the effects than
+#: without, from where it contradicts them
+_CONTRADICTS = 3.0
 
 
 def hold_out(runs, result, own_terms, encoder='enc'):
@@ -59,6 +62,10 @@ def hold_out(runs, result, own_terms, encoder='enc'):
     for entry, residual in zip((result.before, result.after), left):
         entry['holdout_rms_arcsec'] = radial_arcsec(residual, kept)
     result.held_out = nights_held_out(obs, left, kept, result)
+    result.cautions = [*result.cautions, *(
+        Finding('held-out night contradicts', before=one['before']['rms_arcsec'],
+                after=one['after']['rms_arcsec'], evidence={'run': one['run']})
+        for one in result.held_out if one['contradicts'])]
     notes = [Finding('held out', evidence={'of': one}) for one in _left_out(obs)]
     for found in result.model.effects:
         lost = np.count_nonzero(found.unknown(obs.context))
@@ -93,7 +100,8 @@ def nights_held_out(obs, left, kept, result):
     """Each run held out for itself, and whether it is bad.
 
     A night is bad whose robust scatter is `BAD_NIGHT` times that which the others have, with the
-    run that was fitted as one of them, or of which more than a third are outliers.
+    run that was fitted as one of them, or of which more than a third are outliers. It is not where
+    it scatters so with the effects alone: it contradicts them.
 
     Parameters
     ----------
@@ -109,11 +117,12 @@ def nights_held_out(obs, left, kept, result):
     -------
     list of dict
         ``run``, ``rows``, ``set_aside``, ``before`` and ``after`` (``rms_arcsec``,
-        ``rms_x_arcsec``, ``rms_y_arcsec`` of all its rows) and ``bad``: None, or ``times`` the
-        others' scatter in ``x`` and ``y``.
+        ``rms_x_arcsec``, ``rms_y_arcsec`` of all its rows), ``bad``: None, or ``times`` the
+        others' scatter in ``x`` and ``y``; and ``contradicts``, whether the effects make it worse.
     """
     labels = np.unique(obs.label)
-    typical = np.array([_scatter(left[1][:, obs.label == label]) for label in labels])
+    typical = np.array([min((_scatter(one[:, obs.label == label]) for one in left),
+                            key=lambda xy: np.hypot(*xy)) for label in labels])
     own, out = _scatter(result.residual_after[:, result.weights > 0.0]), []
     for i, label in enumerate(labels):
         rows = obs.label == label
@@ -124,8 +133,15 @@ def nights_held_out(obs, left, kept, result):
             np.hypot(*typical[i]) > BAD_NIGHT * np.hypot(*others))
         before, after = (_rms(one[:, rows]) for one in left)
         out.append({'run': _name(obs, rows), 'rows': count, 'set_aside': aside, 'before': before,
-                    'after': after, 'bad': dict(zip('xy', times.tolist())) if bad else None})
+                    'after': after, 'bad': dict(zip('xy', times.tolist())) if bad else None,
+                    'contradicts': _contradicts(*(one[:, rows & kept] for one in left))})
     return out
+
+
+def _contradicts(before, after):
+    """Whether residuals, shape (2, n), are larger with the effects by more than chance."""
+    more = np.square(after).sum(axis=0) - np.square(before).sum(axis=0)
+    return bool(len(more) > 2 and more.mean() > _CONTRADICTS * more.std(ddof=1) / len(more)**0.5)
 
 
 def _name(obs, rows):

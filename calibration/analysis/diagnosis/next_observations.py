@@ -255,14 +255,13 @@ def _beyond_other_runs(shared, rows, noise, last):
 
 def _noise(fit, problem, context):
     """Noise of each axis of new observations, shape (2, m), radians, with what it remembers."""
-    n, noise = problem.n, np.repeat(fit.scale[:, None], len(context), axis=1)
+    unit = np.ones(2) if problem.inverse_sigma is None else 1.0 / problem.inverse_sigma.reshape(
+        2, -1).mean(axis=1)
+    noise = np.repeat((fit.scale * unit)[:, None], len(context), axis=1)
     for axis, one in enumerate(fit.memory):
         on_sky = context.trig.cos_el if one.scaled else 1.0
-        noise[axis] = np.sqrt(one.scale**2 + one.variance * np.square(on_sky))
-    if problem.inverse_sigma is None:
-        return noise
-    return noise / np.array([problem.inverse_sigma[:n].mean(),
-                             problem.inverse_sigma[n:].mean()])[:, None]
+        noise[axis] = np.hypot(one.scale * unit[axis], np.sqrt(one.variance) * on_sky)
+    return noise
 
 
 def _coefficients(rows, b):

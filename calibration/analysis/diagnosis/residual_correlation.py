@@ -181,13 +181,13 @@ def correlation_entry(found, run, chosen, residual):
                            problem.plain.fit(chosen).weights > 0.0, distance)
     for name, one in found.axes.items():
         axis = ('az', 'el').index(name)
-        near = one.scale**2 + one.variance * -np.expm1(-float(np.median(gap[np.isfinite(gap)]))
-                                                       / one.memory)
+        near = (one.scale * typical[axis])**2 + one.variance * -np.expm1(
+            -float(np.median(gap[np.isfinite(gap)])) / one.memory)
         axes[name] = {'sigma_arcsec': float(np.sqrt(one.variance) / ARCSEC),
                       'memory': float(one.memory / unit), 'span': sequence.span / unit,
                       'unit': 'hours' if sequence.timed else 'rows', 'apart': distance / unit,
                       'angle': one.scaled, **seen.to_dict(axis),
-                      'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC),
+                      'row_to_row_arcsec': float(np.sqrt(near) / ARCSEC),
                       'trend': trend(problem, chosen, name, one)}
         slow |= one.memory > usual
     effects = [c.effect(problem) for c in found.like]

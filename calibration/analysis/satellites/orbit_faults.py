@@ -12,15 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A satellite whose orbit is wrong, noticed by the others, and left out by name.
+"""Passes that no other agrees with, and satellites whose orbit is wrong, left out by name.
 
-Each satellite in turn may be off along its track, constantly or as it goes, by any size: how likely
+A pass that is off by far more than the rows scatter has a wrong stamp, satellite or power-on: of
+all passes the one is left out without which the others agree best, until they do. Each satellite in turn may be off along its track, constantly or as it goes, by any size: how likely
 the rows are then, whatever mount, clock and orbits are, is compared with that of no orbit being
 wrong. Half of the prior is that none is. One that takes nearly all of the chance is left out, and
 the others are looked at again; where several share it, they are named as such, and the fit is the
 mean over them.
 """
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -35,8 +37,13 @@ from .track_fit import fit_tracks
 SURE, POSSIBLE = 0.98, 0.02
 #: RMS along the track that a wrong orbit may have
 _SIZES = tuple(size * ARCSEC for size in (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0))
-#: satellites that must be left
-_LEAST = 2
+#: satellites that must be left, and passes
+_LEAST, _PASSES = 2, 2
+#: sigmas of the white noise of its rows that a pass is off, RMS: nothing that remembers adds as
+#: much; and how far it is off while wrong orbits are not known yet, rad: they are off by less
+_FAR, _GROSS = 6.0, 500.0 * ARCSEC
+#: part of its rows without which a pass tells nothing
+_MOST_LOST = 0.5
 
 
 def fault_chances(tracks, **options):
@@ -95,8 +102,84 @@ def _evidence(gram, count, prior, mean, kept, drift, log_prior):
     return -0.5 * (fit.square + fit.log_det + log_prior)
 
 
+def stray_passes(tracks, least=0.0, **options):
+    """Passes that are far from where all others say, or of which most rows are outliers.
+
+    Parameters
+    ----------
+    tracks : SatelliteTracks
+    least : float
+        rad on the sky; where most passes of a satellite are off by less its orbit may be wrong, and
+        they are none.
+    **options
+        As of `track_fit.fit_tracks`.
+
+    Returns
+    -------
+    list of Finding
+        Of each pass, how far it is off, rad (NaN where outliers are all there is to it); in
+        `evidence` ``arc``, ``begin`` (s) and ``rows``.
+    """
+    out, passes = [], np.unique(tracks.arc[~tracks.is_star])
+    fit, known = fit_tracks(tracks, **options), options.get('held') is not None
+    alone = len(passes) + bool(tracks.is_star.any()) + known
+    for arc in passes:
+        rows = tracks.arc == arc
+        if np.mean(fit.weights[rows] == 0.0) > _MOST_LOST and alone - len(out) > 1:
+            out.append(_pass_finding(tracks, arc, np.nan))
+    columns, n = fit.columns, len(tracks)
+    root = fit.noises[0][0].root
+    values = fit.values.copy()
+    values[:columns.terms] = 0.0
+    left = (fit.after + (values @ columns.columns).reshape(2, n)).ravel()
+    prior, mean = fit.precision, fit.prior_mean - fit.values
+    mean[columns.terms:] = 0.0
+    white = columns.columns * root, left * root
+    grams = {arc: gram_of(*(one[..., both] for one in white)) for arc in np.unique(tracks.arc)
+             for both in [np.flatnonzero(np.tile(tracks.arc == arc, 2) & (root > 0.0))]}
+    for one in out:
+        grams.pop(one.evidence['arc'])
+    while sum(arc in passes for arc in grams) + (alone - len(passes)) > _PASSES:
+        whole = sum(grams.values())
+        square = PriorFit(whole, 0, prior, mean).square
+        off = {}
+        for arc in set(grams) & set(passes.tolist()):
+            fit_of_others = PriorFit(whole - grams[arc], 0, prior, mean)
+            both = np.tile(tracks.arc == arc, 2) & (root > 0.0)
+            far = left[both] - fit_of_others.coefficients @ columns.columns[:, both]
+            off[arc] = ((square - fit_of_others.square) / max(np.count_nonzero(both), 1),
+                        float(np.sqrt(2.0 * np.mean(far**2))) if both.any() else 0.0)
+        arc = max(off, key=lambda one: off[one][0])
+        if off[arc][0] < _FAR**2:
+            break
+        out.append(_pass_finding(tracks, arc, off[arc][1]))
+        grams.pop(arc)
+    passes_of = Counter(tracks.objects[tracks.object[np.argmax(tracks.arc == arc)]]
+                        for arc in passes)
+    strays_of = Counter(one.causes[0] for one in out)
+    return [one for one in out if not one.size < least
+            or 2 * strays_of[one.causes[0]] < passes_of[one.causes[0]]]
+
+
+def _pass_finding(tracks, arc, off):
+    rows = np.flatnonzero(tracks.arc == arc)
+    return Finding('pass left out', float(off), unit='rad', causes=(
+        tracks.objects[tracks.object[rows[0]]],), evidence={
+            'arc': int(arc), 'rows': len(rows),
+            'begin': float(np.min(np.asarray(tracks.run['time'], float)[rows]))})
+
+
+def _without_passes(tracks, least, **options):
+    """The tracks without `stray_passes`, and these."""
+    found = stray_passes(tracks, least, **options)
+    if not found:
+        return tracks, found
+    strays = [one.evidence['arc'] for one in found]
+    return _renumbered(tracks.select(~np.isin(tracks.arc, strays))), found
+
+
 def fit_without_faults(tracks, **options):
-    """Fit tracks, without satellites whose orbit is wrong.
+    """Fit tracks, without passes that no other agrees with and satellites whose orbit is wrong.
 
     Parameters
     ----------
@@ -109,7 +192,8 @@ def fit_without_faults(tracks, **options):
     TrackFit
         ``left_out``, ``suspects`` and ``notes`` say which orbits are wrong, or may be.
     """
-    out, suspects, notes = [], {}, []
+    out, suspects = [], {}
+    tracks, notes = _without_passes(tracks, _GROSS, **options)
     while True:
         kept = _without(tracks, out)
         if len(kept.satellites) < _LEAST:
@@ -126,7 +210,10 @@ def fit_without_faults(tracks, **options):
             notes.append(Finding('one orbit of these wrong', 1.0 - chances[''], unit='',
                                  causes=tuple(sorted(suspects))))
         break
-    fit = fit_tracks(_without(tracks, out), drifts=tuple(suspects), **options)
+    options['drifts'] = tuple(suspects)
+    tracks, more = _without_passes(_without(tracks, out), 0.0, **options)
+    notes += more
+    fit = fit_tracks(tracks, **options)
     return replace(fit, left_out=tuple(out), suspects=suspects, notes=[*fit.notes, *notes])
 
 

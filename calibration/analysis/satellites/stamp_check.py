@@ -26,11 +26,13 @@ from ..finding import Finding
 _RIGHT, _BETTER = 30.0 * ARCSEC, 0.3
 #: rad of radial RMS, and of the zero of an elevation, beyond which it is no track of that satellite
 _ELSEWHERE, _NO_ZERO = 1.0 * DEG, 10.0 * DEG
-#: rows that are looked at
-_MOST = 300
+#: s along its orbit that a satellite whose time is not known may be off
+_MOST_BIAS = 10.0
+#: rows that are looked at; standard errors of the time along an orbit that are no wrong stamp
+_MOST, _SIGMAS = 300, 3.0
 
 
-def wrong_track(measured):
+def wrong_track(measured, bias_free=()):
     """Whether stamps fit far better as another scale's, or with an hour or seconds more; or rows
     are far from where the orbits say whatever the stamps.
 
@@ -38,6 +40,8 @@ def wrong_track(measured):
     ----------
     measured : object
         With ``tracks(shift, rows)`` -> `SatelliteTracks`, ``names`` and ``columns['time']``.
+    bias_free : collection of str
+        Satellites whose time along the orbit is not known: they tell no seconds.
 
     Returns
     -------
@@ -47,12 +51,18 @@ def wrong_track(measured):
     rows = np.flatnonzero(measured.names != '')
     if len(rows) > _MOST:
         rows = rows[np.linspace(0, len(rows) - 1, _MOST).round().astype(int)]
-    now = _left(measured.tracks(0.0, rows))
+    tracks = measured.tracks(0.0, rows)
+    now = _left(tracks)
     if now < _RIGHT:
         return None
+    # seconds that the orbits of most rows may be off by themselves
+    own = np.where(np.isin(tracks.run['star'], list(bias_free)), _MOST_BIAS,
+                   tracks.orbit_sigma / tracks.speed)
+    least = _SIGMAS * float(np.median(own))
+    elsewhere = _ELSEWHERE + _SIGMAS * float(np.median(own * np.hypot(*tracks.ahead)))
     tai = float(leap_seconds(float(np.median(measured.columns['time'][rows]))))
     best = None
-    for late in sorted({tai - 19.0, tai, 1.0, 2.0, 3.0, 3600.0}):
+    for late in sorted(late for late in {tai - 19.0, tai, 1.0, 2.0, 3.0, 3600.0} if late > least):
         for shift in (late, -late):
             try:
                 left = _left(measured.tracks(-shift, rows))
@@ -60,8 +70,8 @@ def wrong_track(measured):
                 continue
             if best is None or left < best[0]:
                 best = left, shift
-    if best is None or best[0] > min(_BETTER * now, _ELSEWHERE):
-        return Finding('not the satellite', now / DEG, unit='deg') if now > _ELSEWHERE else None
+    if best is None or best[0] > min(_BETTER * now, elsewhere):
+        return Finding('not the satellite', now / DEG, unit='deg') if now > elsewhere else None
     scale = {tai - 19.0: 'GPS', tai: 'TAI'}.get(best[1], '')
     return Finding('stamps off', best[1], unit='s', causes=(scale,), before=now / ARCSEC,
                    after=best[0] / ARCSEC)

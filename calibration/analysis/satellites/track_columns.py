@@ -36,8 +36,9 @@ class TrackColumns:
     Attributes
     ----------
     names : tuple of str, length k
-        Terms, `CLOCK`, ``ahead L52`` (a satellite's seconds on its orbit), and of each arc
-        ``along``, ``across``, ``out`` with its number (m).
+        Terms, ``IA[1]`` (how far the zero of power-on 1 is from that of the newest), `CLOCK`,
+        ``ahead L52`` (a satellite's seconds on its orbit), and of each arc ``along``, ``across``,
+        ``out`` with its number (m).
     columns : ndarray, shape (k, 2n)
         On the sky, rad a unit.
     variance : ndarray, shape (k,)
@@ -97,6 +98,11 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=()):
         columns.append(column.ravel())
         variance.append(float(sigma) ** 2)
 
+    zeros = [name for name in run.mount.names.index if name in terms]
+    moves = stacked_design(zeros, run['az'], run['el'], run.mount).reshape(len(zeros), 2, n)
+    for number in power_ons(run)[:-1]:
+        for name, move in zip(zeros, moves):
+            add(f'{name}[{number:g}]', move, np.flatnonzero(run['run'] == number), np.inf)
     # a stamp that is late by c belongs to the place c before: what the encoders read is behind
     if clock_sigma > 0.0 and tracks.satellites:
         add(CLOCK, -tracks.clock, np.arange(n), clock_sigma)
@@ -125,6 +131,15 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=()):
     return TrackColumns(tuple(names), np.array(columns), np.array(variance), len(terms), parts)
 
 
+def power_ons(run):
+    """Numbers of the power-ons of a run, the newest last; empty where it has none."""
+    if 'run' not in run:
+        return []
+    numbers = np.unique(run['run'])
+    last = [float(np.max(run['time'][run['run'] == number])) for number in numbers]
+    return numbers[np.argsort(last, kind='stable')].tolist()
+
+
 def _knots(tracks, number):
     """Columns of a satellite that is off along its track, linear between knots, and a covariance.
 
@@ -135,7 +150,7 @@ def _knots(tracks, number):
     for arc in np.unique(tracks.arc[mine]):
         rows = np.flatnonzero(mine & (tracks.arc == arc))
         begin, end = time[rows].min(), time[rows].max()
-        knots = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / _KNOTS)) + 1))
+        knots = np.linspace(begin, end, int(np.ceil((end - begin) / _KNOTS)) + 1)
         for i, knot in enumerate(knots):
             hat = np.interp(time[rows], knots, np.eye(len(knots))[i])
             column = np.zeros((2, len(time)))

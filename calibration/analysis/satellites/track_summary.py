@@ -20,10 +20,12 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.rms import rms_arcsec
 
 from ..finding import Finding
-from .track_columns import CLOCK
+from .track_columns import CLOCK, power_ons
 
 #: s: of a satellite's time along its orbit, from which on it is a finding
 _LATE = 1e-4
+#: times the white noise of the rows, from where what is left is none that remembers
+_DISAGREE = 5.0
 
 
 def track_document(fit):
@@ -63,6 +65,19 @@ def track_document(fit):
 
 def _findings(fit, document):
     out, sky = [], document['sky_sigma_arcsec']
+    white = fit.noise_of_rows()[0][fit.tracks.object[fit.weights > 0.0]] / ARCSEC
+    noise, left = float(np.sqrt(2.0 * np.mean(white**2))), document['after']['radial_arcsec']
+    if left > _DISAGREE * noise:
+        out.append(Finding('tracks disagree', left, evidence={'noise': noise}))
+    if document['rows_set_aside']:
+        out.append(Finding('outliers of tracks', document['rows_set_aside'], unit='rows',
+                           evidence={'of': document['rows']}))
+    *earlier, newest = power_ons(fit.tracks.run) or [None]
+    for number in earlier:
+        zeros = {name.split('[')[0]: tuple(v / ARCSEC for v in fit[name])
+                 for name in fit.columns.names if name.endswith(f'[{number:g}]')}
+        out.append(Finding('zero of a power-on', evidence={
+            'run': number, 'newest': newest, 'zeros': zeros}))
     if not document['determined']:
         out.append(Finding('tracks determine no terms', sky))
     clock = document.get('clock')

@@ -14,6 +14,8 @@
 
 """Terms, clock and orbits from tracks: values within their sigmas, and what cannot be separated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_tracks import SITE, TRUTH, made_orbit, made_tracks, passes
@@ -27,6 +29,7 @@ from calibration.report.wording import worded
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount, through_pole
+from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import satellite_tracks, star_rates
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.satellite_place import satellite_place
@@ -187,3 +190,62 @@ def test_on_both_sides_of_the_pier_terms_and_clock_are_those_of_one_fit(errors):
     found, sigma = fit['clock']
     assert abs(found - late) < 4.0 * sigma and sigma < 0.01
     assert np.std(fit.after) == pytest.approx(ARCSEC, rel=0.1)
+
+
+SEVEN = {'A01': 3, 'B02': 2, 'C03': 2}
+
+
+def off(tracks, rows, x):
+    """The tracks with some rows read x (rad on the sky) off in azimuth."""
+    run = tracks.run
+    moved = run['az_enc'] + x * rows / np.cos(run['el'])
+    return replace(tracks, run=PointingRun({**run.columns, 'az_enc': moved}, run.meta))
+
+
+def agrees(fit):
+    return all(abs(fit[name][0] - value * ARCSEC) < 4.5 * fit[name][1]
+               for name, value in TRUTH.items())
+
+
+@pytest.mark.parametrize('degrees', [0.05, 2.0])
+def test_a_pass_that_no_other_agrees_with_is_left_out(degrees):
+    tracks = made_tracks(np.random.default_rng(11), SEVEN)
+    arc = np.unique(tracks.arc)[1]
+    fit = fit_without_faults(off(tracks, tracks.arc == arc, degrees * DEG))
+    assert fit.left_out == () and arc not in fit.tracks.arc and agrees(fit)
+    assert len(np.unique(fit.tracks.arc)) == len(np.unique(tracks.arc)) - 1
+    said = worded(track_document(fit))['notes'][0]
+    assert said.startswith('The pass of A01 that begins 20') and 'is left out with its' in said
+
+
+@pytest.mark.parametrize('count', [1, 2, 3])
+@pytest.mark.parametrize('wrong', [False, True])
+def test_a_few_rows_of_one_more_satellite_do_no_harm(count, wrong):
+    """Their noise is that of the others: by themselves they would fit exactly."""
+    tracks = made_tracks(np.random.default_rng(12), SEVEN | {'D04': 1})
+    few = tracks.object == tracks.objects.index('D04')
+    tracks = tracks.select(~few | (np.cumsum(few) <= count))
+    few = tracks.object == tracks.objects.index('D04')
+    fit = fit_without_faults(off(tracks, few, wrong * 1.0 * DEG))
+    assert fit.left_out == () and agrees(fit) and min(fit.fit.sigma) > 0.0
+    assert ('D04' in fit.tracks.objects) != wrong
+
+
+def test_tracks_that_disagree_are_not_to_be_trusted():
+    two = made_tracks(np.random.default_rng(13), {'A01': 2})
+    fit = fit_without_faults(off(two, two.arc == two.arc[0], 1.0 * DEG))
+    notes = worded(track_document(fit))['notes']
+    assert any('The tracks disagree' in one or 'is left out' in one for one in notes)
+
+
+def test_each_power_on_has_a_zero():
+    tracks = made_tracks(np.random.default_rng(14), SEVEN)
+    second = tracks.run['time'] > np.median(tracks.run['time'])
+    moved = off(tracks, ~second, 100.0 * ARCSEC * np.cos(tracks.run['el']))
+    moved.run = PointingRun({**moved.run.columns, 'run': 7.0 + second}, moved.run.meta)
+    fit = fit_without_faults(moved)
+    assert agrees(fit)  # the zeros are those of the newest
+    value, sigma = fit['IA[7]']
+    assert abs(value - 100.0 * ARCSEC) < 4.0 * sigma < 4.0 * ARCSEC
+    notes = ' '.join(worded(track_document(fit))['notes'])
+    assert 'The terms have the zeros of power-on 8, the newest. Those of power-on 7' in notes
