@@ -38,6 +38,9 @@ NEAR = 0.0012
 FOREIGN = 1.5
 #: s between two looks at services and parameters while nothing is due
 IDLE = 0.02
+#: s that subscribers must be known and matched before the replay begins: it would be lost to them;
+#: and without any, or with some that cannot be matched
+SETTLED, ALONE = 0.3, 1.0
 
 
 def _check_remaps(values):
@@ -85,7 +88,12 @@ class McapReplay(MountNode):
         for problem in self._reader.problems:
             self.get_logger().warning(f'{self.value("bag")}: {problem}')
         chosen = self._choose()
-        self._begin = (self._reader.start_time or 0) + round(self.value('start_offset_s') * 1e9)
+        offset = self.value('start_offset_s')
+        self._begin = (self._reader.start_time or 0) + round(offset * 1e9)
+        if offset and self._begin > (self._reader.end_time or 0):
+            length = ((self._reader.end_time or 0) - (self._reader.start_time or 0)) * 1e-9
+            raise ValueError(f'mcap_replay: start_offset_s {offset:g} is after the end of the log, '
+                             f'which has {length:.1f} s')
         duration = round(self.value('duration_s') * 1e9)
         self._stop = self._begin + duration if duration else 2**63 - 1
         remaps = dict(r.split(':=') for r in self.value('remaps') if r)
@@ -101,7 +109,7 @@ class McapReplay(MountNode):
         self._reports = self.graph_reports()
         self._sent = self._loops = 0
         self._paused = self.value('start_paused')
-        self._state = 'waiting'
+        self._state, self._subscribers = 'waiting', ((0, 0), time.monotonic())
         self._go_to(self._begin)
         self._make_services()
         self._timer = self.every(IDLE, self._wait)
@@ -184,8 +192,19 @@ class McapReplay(MountNode):
     # --- playing ----------------------------------------------------------------------------
 
     def _wait(self):
-        if not self.waiting_for():
+        if self._discovered() and not self.waiting_for():
             self._resume_playing()
+
+    def _discovered(self):
+        """Whether those who subscribe have been found."""
+        pubs = self._replayed.values()
+        known = sum(self.count_subscribers(pub.topic_name) for pub in pubs)
+        now = known, sum(pub.get_subscription_count() for pub in pubs)
+        before, since = self._subscribers
+        if now != before:
+            since = time.monotonic()
+        self._subscribers = now, since
+        return time.monotonic() - since > (SETTLED if 0 < known <= now[1] else ALONE)
 
     def _resume_playing(self):
         self._state = 'playing'
@@ -297,6 +316,8 @@ class McapReplay(MountNode):
             pub.wait_for_all_acked(Duration(seconds=30))
         self._state = 'done'
         self.get_logger().info(f'{self._sent} messages published')
+        if self._sent and not any(pub.get_subscription_count() for pub in self._replayed.values()):
+            self.get_logger().warning('nobody subscribes to what was published')
         for problem in self._reader.problems:
             self.get_logger().warning(f'{self.value("bag")}: {problem}')
         self.announce()

@@ -28,7 +28,6 @@ from pointing_model.runs.run import PointingRun
 from .axis_check import FollowingCheck
 from .axis_demand import Conditions, Pointing, on_sky, track_to
 from .clock_offset import Drifting, row_of
-from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .reading_pairs import centred, centred_second
 
@@ -316,8 +315,8 @@ class Exposer:
         self._out.guard.send_command(track)
         since, before = instruments.await_all(), instruments.here
         self._following = FollowingCheck(
-            track, before, self._out.mount(),
-            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC), self._out.guard.own_way, since)
+            track, before, self._out.mount(), value('on_target_arcsec') * ARCSEC,
+            self._out.guard.own_way, since)
         began = instruments.began
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
                        self._out.refuse_frame, value('exposure_s'),

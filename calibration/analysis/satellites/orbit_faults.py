@@ -15,11 +15,11 @@
 """Passes that no other agrees with, and satellites whose orbit is wrong, left out by name.
 
 A pass that is off by far more than the rows scatter has a wrong stamp, satellite or power-on: of
-all passes the one is left out without which the others agree best, until they do. Each satellite in turn may be off along its track, constantly or as it goes, by any size: how likely
-the rows are then, whatever mount, clock and orbits are, is compared with that of no orbit being
-wrong. Half of the prior is that none is. One that takes nearly all of the chance is left out, and
-the others are looked at again; where several share it, they are named as such, and the fit is the
-mean over them.
+all passes the one is left out without which the others agree best, until they do. Each satellite
+in turn may be off along its track, constantly or as it goes, by any size: how likely the rows are
+then, whatever mount, clock and orbits are, is compared with that of no orbit being wrong. Half of
+the prior is that none is. One that takes nearly all of the chance is left out, and the others are
+looked at again; where several share it, they are named as such, and the fit is the mean over them.
 """
 
 from collections import Counter

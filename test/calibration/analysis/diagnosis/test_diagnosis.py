@@ -500,3 +500,16 @@ def test_same_seed_same_answer_with_any_number_of_processes(monkeypatch):
     one, two = (diagnose(run, flips=299, folds=2, jobs=jobs).to_dict() for jobs in (1, 2))
     assert one['effects'] and one['after']['cv_rms_arcsec']
     assert one == two
+
+
+def test_a_held_out_night_that_contradicts_is_not_called_bad():
+    """The effect is in the fitted night alone; a noisy night is bad with and without it."""
+    noise = {'noise': lambda rng, el: 4.0 * rng.normal(size=(2, len(el)))}
+    for later, contradicts in ((night(91), True), (night(92, effect=backlash(8.0)), False),
+                               (night(93, effect=backlash(8.0), **noise), None)):
+        result = diagnose(night(90, effect=backlash(8.0)), holdout=later, **FAST)
+        one, = result.held_out
+        assert bool(one['bad']) == (contradicts is None)
+        assert one['contradicts'] == bool(contradicts)
+        said = paragraph(result.cautions)
+        assert ('contradicts what was found: ' in said) == bool(contradicts)

@@ -17,8 +17,15 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.expected_error import CONFIDENCE, expected_error
+from simulated import night
+
+from calibration.analysis.diagnosis.expected_error import (
+    CONFIDENCE,
+    expected_error,
+    expected_error_of_terms,
+)
 from msg_tools.units import ARCSEC
+from pointing_model.runs.run import PointingRun
 
 
 def test_the_interval_holds_fresh_stars_as_often_as_it_says():
@@ -46,3 +53,15 @@ def test_what_wanders_widens_it_and_outliers_do_not():
     ahead = np.square(3.0 * ARCSEC * rng.normal(size=1000))
     moved = expected_error(residual, keep, np.arange(60), np.random.default_rng(3), ahead)
     assert moved['high_arcsec'] > 4.0 and moved['low_arcsec'] < 1.1 * still['rms_arcsec']
+
+
+def test_given_sigmas_are_no_radians():
+    run = night(3, 60)
+    rng = np.random.default_rng(4)
+    size = np.exp(rng.uniform(-0.5, 0.5, 60)) * ARCSEC
+    for axis, factor in (('az', np.cos(run['el'])), ('el', 1.0)):
+        run[f'{axis}_enc'][:] += 1.5 * size * rng.normal(size=60) / factor
+    given = PointingRun({**run.columns, 'sigma_x': size, 'sigma_y': size}, run.meta)
+    plain, weighted = (expected_error_of_terms(one) for one in (run, given))
+    for key in ('rms_arcsec', 'low_arcsec', 'high_arcsec'):
+        assert weighted[key] == pytest.approx(plain[key], rel=0.2)
