@@ -18,7 +18,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.analysis.diagnosis.readings import MIRRORED, Reading, without_signs
+from calibration.analysis.diagnosis.readings import MIRRORED, NEGATED, Reading, without_signs
 from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import kind_of
 from pointing_model.runs.columns.run_table import AS_NAMED
@@ -155,8 +155,8 @@ def signs_sentences(alike, names, taken=AS_NAMED):
     -------
     list of str
     """
-    sentences, mirrored = [], MIRRORED.text(names=names)
-    mirror = f', or {mirrored}' if mirrored in alike else ''
+    sentences, images = [], [one.text(names=names) for one in (MIRRORED, NEGATED)]
+    mirror = ''.join(f', or {one}' for one in images if one in alike)
     if Reading(exchanged=True).text() in alike or mirror:
         sentences.append(f'signs: {taken}; positive: the encoder reads too much. No run can '
                          f'confirm it: check that the file does not exchange mount and '

@@ -30,7 +30,15 @@ from ..finding import Finding
 from .clock_and_site import other_places
 from .file_rows import FileRows
 from .reading_fits import FEW, MOST_LEFT_OUT, ReadingFits
-from .readings import MIRRORED, SOUTH, Reading, double_readings, single_readings, without_signs
+from .readings import (
+    MIRRORED,
+    NEGATED,
+    SOUTH,
+    Reading,
+    double_readings,
+    single_readings,
+    without_signs,
+)
 
 #: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
 #: leaves 37, the next 13; a loose mount of an amateur 90.
@@ -163,19 +171,19 @@ class _RunCheck:
 
     def _compare(self, other, written, others, out):
         """Refuse the run as written if the other is what it is; note what may be."""
-        times, likelier = other.better_than(written)
         if other.far_better_than(written, _BETTER, _LIKELIER) and other.rms_arcsec < _FITS[1]:
             if self._is_clear(other.reading) or self._needed(other, written):
                 alike = _alike(others)
                 self._refuse(written, alike if other in alike else [other])
-            if other.rms_arcsec < written.rms_arcsec / _BETTER or other.reading.elsewhere:
+            if other.rms_arcsec < written.rms_arcsec / _BETTER or other.reading.elsewhere or (
+                    other.reading == NEGATED):
                 out.findings.append(Finding(
                     'better reading', causes=(other.text,), before=written.rms_arcsec,
                     after=other.rms_arcsec,
                     evidence={'where': self.rows.where, 'what': other.reading.kind}))
             else:
                 out.alike.append(other.text)
-        elif not other.reading.elsewhere and (times > 1.0 / _ALIKE or likelier > -_AS_LIKELY):
+        elif not other.reading.elsewhere and other.as_good_as(written, _ALIKE, _AS_LIKELY):
             out.alike.append(other.text)
 
     def _single(self):
@@ -258,11 +266,7 @@ def _alike(fits):
     one = _likeliest([fit for fit in fits if fit.reading.mistakes < 2])
     if one is not None and not best.far_better_than(one, _BETTER, _LIKELIER):
         best = one
-    near = []
-    for fit in fits:
-        times, likelier = fit.better_than(best)
-        if likelier > -_AS_LIKELY or times > 1.0 / _ALIKE and not fit.reading.elsewhere:
-            near.append(fit)
+    near = [fit for fit in fits if fit.as_good_as(best, _ALIKE, _AS_LIKELY)]
     fewest = min((fit.reading.mistakes for fit in near), default=0)
     return [fit for fit in near if fit.reading.mistakes == fewest]
 

@@ -110,6 +110,13 @@ class ReadingFit:
                                     _MOST_OF_SIZES) for a, b in zip(self.sizes, other.sizes))
         return np.exp(gain), likelier
 
+    def as_good_as(self, other, least, likeliest):
+        """Whether it is at most so many times worse and loses no row more, or so much less likely.
+        """
+        times, likelier = self.better_than(other)
+        return likelier > -likeliest or (
+            times > 1.0 / least and self.lost <= other.lost and not self.reading.elsewhere)
+
     @property
     def sizes(self):
         """Of the first zero and of the tilt, radians."""

@@ -204,6 +204,8 @@ class Reading:
 
 #: of a mount that is its mirror image
 MIRRORED = Reading(('reversed',), ('reversed',))
+#: the same by its second angle, but for gravity and the horizon
+NEGATED = Reading(('negative',), ('negative',))
 #: an azimuth zero this near to half a turn is one of the south, radians
 SOUTH = 1.5 * DEG
 
@@ -243,7 +245,7 @@ def without_signs(alike, names=ALTAZ.names):
     -------
     list of str
     """
-    signs = {MIRRORED.text(names=names), Reading(exchanged=True).text(names=names)}
+    signs = {one.text(names=names) for one in (MIRRORED, NEGATED, Reading(exchanged=True))}
     return [text for text in alike if text not in signs]
 
 

@@ -21,9 +21,12 @@ import pytest
 from places import ROOT
 
 from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagnose
+from calibration.report.row_wording import signs_sentences
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
+from pointing_model.model import PointingModel
+from pointing_model.mounts import Mount
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_reader import read_run
 
@@ -153,6 +156,33 @@ def test_mount_and_catalogue_exchanged_show_where_the_terms_are_large():
     az, el, az_enc, el_enc = TELESCOPES['crooked']()
     with pytest.raises(MistakenColumns, match='fit: mount and catalogue exchanged'):
         check_columns(run_of((az_enc, el_enc, az, el)))
+
+
+@pytest.mark.parametrize('latitude, noise, told', [
+    (-35.3, 0.0, False), (-35.3, 1.0, False), (-77.0, 0.0, False), (35.3, 0.0, False),
+    (-5.0, 0.0, True), (-5.0, 1.0, True)])
+def test_declinations_with_the_other_sign_are_no_doubt_where_their_stars_are_below_the_horizon(
+        latitude, noise, told):
+    rng = np.random.default_rng(3)
+    mount = Mount.equatorial(latitude * DEG)
+    h, d = mount.axes_of(rng.uniform(0.0, 2.0 * np.pi, 40),
+                         np.arcsin(rng.uniform(0.35, 0.98, 40)))
+    model = PointingModel({'ME': 1800.0 * ARCSEC, 'MA': -900.0 * ARCSEC}, mount=mount)
+    h_enc, d_enc = model.sky_to_encoder(h, d)
+    x, y = (noise + 0.01) * ARCSEC * rng.normal(size=(2, 40))
+    columns = h, d, h_enc + x / np.cos(d), d_enc + y
+
+    def run(columns):
+        return PointingRun(dict(zip(NAMES, columns)), {'mount': mount})
+    checked = check_columns(run(columns))
+    said = 'declination of catalogue and encoders with the other sign'
+    # the mirror image of a mount without flexure fits as well near the equator: no doubt of a run
+    assert (said in checked.alike) == told
+    assert not any('declination' in wording(found) for found in checked.doubts(mount.names))
+    assert any(said in text for text in signs_sentences(checked.alike, mount.names)) == told
+    if noise and not told:
+        with pytest.raises(MistakenColumns, match='with the other sign'):
+            check_columns(run((h, -d, columns[2], -columns[3])))
 
 
 def test_two_mistakes_are_named():
