@@ -34,6 +34,7 @@ from .diagnosis.residual_patterns import (
     STEP,
     ResidualRows,
     cluster_findings,
+    memory_findings,
     patterns_first,
     visit_findings,
 )
@@ -203,7 +204,7 @@ def _newest_zeros(result, index):
 
 
 def _patterns(run, result, terms, how):
-    """Findings on places visited again, with what zeros after a step bring, and on outliers."""
+    """Findings on places visited again (with new zeros after a step), rows alike, outliers."""
     rows = ResidualRows.from_fit(run, result, how['encoder'])
     out = visit_findings(rows, rows.visits(terms))
     if not how['run_zeros'] and out and out[0].kind == STEP:
@@ -211,7 +212,7 @@ def _patterns(run, result, terms, how):
         after = fit_terms(split, terms, **{**how, 'run_zeros': True})
         out = [replace(out[0], before=result.rms_arcsec().radial,
                        after=after.rms_arcsec().radial)]
-    return out + cluster_findings(rows)
+    return out + memory_findings(rows, terms) + cluster_findings(rows)
 
 
 def one_of_runs(run, number=None, zeros_known=False):

@@ -298,6 +298,13 @@ def _moved(found):
             f'visited before and after')
 
 
+def _consecutive(found):
+    terms = ' and '.join(found['terms'])
+    return (f'Consecutive rows err alike in {" and ".join(found["axes"])} (correlation '
+            f'{min(found.size, 0.99):.1f}): the error of {terms or "the terms"} is larger than '
+            'printed. telescope-mount diagnose reckons with it')
+
+
 def _step(found):
     text = f'{_moved(found)}: a step, beyond drift or correlated noise. '
     text += 'A session with new zeros begins there. ' * (found.todo == 'own zeros')
@@ -337,6 +344,7 @@ KINDS = {
     'moved between visits': lambda found: (
         f'{_moved(found)}. A step, drift and correlated noise cannot be distinguished here'),
     'step between visits': _step,
+    'consecutive rows alike': _consecutive,
     'outliers together': _cluster,
     'columns alike': lambda found: columns_alike(found.causes),
     'reading as good': _reading_as_good,

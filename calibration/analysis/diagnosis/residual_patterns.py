@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.estimation.correlated_noise import Sequence
+from calibration.estimation.lag_correlation import lag_correlation
 from calibration.estimation.outlier_clusters import Window, clusters
 from calibration.estimation.revisits import Revisits
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -45,9 +46,12 @@ MOST_ROWS = 5000
 #: kinds of findings that say that something moved
 STEP = 'step between visits'
 MOVES = (STEP, 'moved between visits')
-_TOGETHER = 'outliers together'
+_TOGETHER, _ALIKE = 'outliers together', 'consecutive rows alike'
+#: chance that rows of white noise are so like the row before, on an axis; robust sigmas beyond
+#: which a row counts as so far off
+_BY_CHANCE, _AT_MOST = 1e-3, 3.0
 #: kinds that say where to look first
-PATTERNS = (*MOVES, _TOGETHER)
+PATTERNS = (*MOVES, _ALIKE, _TOGETHER)
 #: windows of a place
 _OF_PLACE = ('direction', 'azimuth', 'first axis')
 #: robust sigmas from where a row is an outlier that others may lie beside
@@ -157,6 +161,44 @@ def visit_findings(rows, visits):
                         'term': names.index[move.axis], 'both': both,
                         'before': rows.lines[before], 'after': rows.lines[after],
                         'chance': move.chance})]
+
+
+def memory_findings(rows, terms):
+    """Whether consecutive rows err alike; those of one star within minutes are one.
+
+    Parameters
+    ----------
+    rows : ResidualRows
+    terms : sequence of str
+        That the residuals are of.
+
+    Returns
+    -------
+    list of Finding
+        One or none.
+    """
+    order, names = rows.sequence.order, rows.context.mount.names
+    weights = np.ones((2, len(order))) if rows.sigma is None else 1.0 / rows.sigma
+    values = rows.residual * weights
+    noise = np.array([[sigma_of(one)] for one in values])
+    if not len(order) or not (noise > 0.0).all():
+        return []
+    columns = stacked_design(terms, rows.context.az, rows.context.el, rows.context.mount)
+    both = np.concatenate((np.clip(values / noise, -_AT_MOST, _AT_MOST)[None],
+                           columns.reshape(len(terms), 2, -1) * weights))[:, :, order]
+    _, first, star, count = np.unique(rows.sequence.group[order], return_index=True,
+                                      return_inverse=True, return_counts=True)
+    place = np.argsort(first)
+    means = np.zeros((*both.shape[:2], len(first)))
+    np.add.at(means, (slice(None), slice(None), star), both)
+    means = (means / count)[:, :, place]
+    run = rows.sequence.run[order][first[place]]
+    found = [(axis, *one) for axis, one in enumerate(lag_correlation(
+        means[0], means[1:], run[1:] == run[:-1]))]
+    found = [(axis, beyond) for axis, beyond, chance in found if chance < _BY_CHANCE]
+    return [Finding(_ALIKE, max(beyond for _, beyond in found), unit='', evidence={
+        'terms': [names.index[axis] for axis, _ in found if names.index[axis] in terms],
+        'axes': [names.axes[axis] for axis, _ in found]})] if found else []
 
 
 def step_of(rows, terms, least=0.0):

@@ -19,9 +19,11 @@ import pytest
 from noisy_run import make_run
 
 from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.residual_patterns import ResidualRows, memory_findings
 from calibration.analysis.diagnosis.sessions import arrange, split_at_steps
 from calibration.analysis.finding import Finding
 from calibration.analysis.run_fit import fit_run
+from calibration.analysis.term_fit import fit_terms
 from calibration.report.documents import fit_document
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
@@ -104,6 +106,41 @@ def test_sessions_of_hours_have_zeros_of_their_own_in_a_fit():
     # a session of one row has its own zero and no row to judge it by
     run.columns['time'][39] += 5.0 * 3600.0
     assert fit_run(run, sessions=3.0).halves is None
+
+
+def remembering(seed, rho, exposures=1):
+    """A run of 40 rows whose errors are rho times those of the row before, and noise."""
+    run, rng = make_run(np.random.default_rng([3, seed]), 40 // exposures, (0, 0)), (
+        np.random.default_rng([4, seed]))
+    noise = rng.normal(size=(2, len(run)))
+    for i in range(1, len(run)):
+        noise[:, i] = rho * noise[:, i - 1] + np.sqrt(1.0 - rho**2) * noise[:, i]
+    errors = np.repeat(noise, exposures, axis=1) * ARCSEC
+    run = run.select(np.repeat(np.arange(len(run)), exposures))
+    return PointingRun({**run.columns, 'az_enc': run['az_enc'] + errors[0] / np.cos(run['el']),
+                        'el_enc': run['el_enc'] + errors[1], 'time': 1.7e9 + 90.0 * np.arange(40)})
+
+
+def memory_of(run):
+    fit = fit_terms(run)
+    return memory_findings(ResidualRows.from_fit(run, fit), fit.names)
+
+
+def test_consecutive_rows_that_err_alike_are_told_of():
+    found = [memory_of(remembering(seed, 0.95)) for seed in range(40)]
+    assert sum(map(bool, found)) >= 38
+    assert 0.7 < np.median([one.size for each in found for one in each]) < 0.95
+    run = remembering(0, 0.95)
+    (one,) = memory_of(run.select(np.random.default_rng(0).permutation(len(run))))  # by time
+    assert one['terms'] == ['IA', 'IE']
+    text = ('Consecutive rows err alike in azimuth and elevation (correlation 0.6): the error of '
+            'IA and IE is larger than printed. telescope-mount diagnose reckons with it')
+    assert wording(one) == text and text in fit_document(fit_run(run))['notes']
+
+
+@pytest.mark.parametrize('exposures', [1, 2])
+def test_white_noise_is_no_memory_nor_are_two_exposures_of_each_star(exposures):
+    assert sum(bool(memory_of(remembering(seed, 0.0, exposures))) for seed in range(150)) <= 1
 
 
 def test_outliers_one_after_the_other_are_told_as_one():
