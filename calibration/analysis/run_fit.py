@@ -206,7 +206,7 @@ def _newest_zeros(result, index):
 def _patterns(run, result, terms, how):
     """Findings on places visited again (with new zeros after a step), rows alike, outliers."""
     rows = ResidualRows.from_fit(run, result, how['encoder'])
-    out = visit_findings(rows, rows.visits(terms))
+    out = visit_findings(rows, rows.visits(terms, how['run_zeros']))
     if not how['run_zeros'] and out and out[0].kind == STEP:
         split = split_at_steps(run, terms, how['encoder'])
         after = fit_terms(split, terms, **{**how, 'run_zeros': True})

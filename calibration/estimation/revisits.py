@@ -15,7 +15,8 @@
 """Places visited again: the noise of one visit, and what moved between, without a model.
 
 What is the same at each visit of a place, the errors of the mount in that direction above all, is
-gone from the differences between visits. What is left is noise, and what changed with time.
+gone from the differences between visits. What is left is noise, and what changed with time. They
+decide whether something moved; where it did, all rows decide, with a smooth model.
 
 Whether anything moved is asked by permutation: if nothing did, the visits of a place could have
 come in any order. Whether it moved at once is asked beside noise that remembers: runs of the
@@ -31,7 +32,7 @@ import numpy as np
 from pointing_model.rms import sigma_of
 
 from .robust import GROSS
-from .step_scan import two_sided
+from .step_scan import step_place, two_sided
 
 #: differences between visits, at least: of fewer no order is rare
 FEWEST = 6
@@ -50,8 +51,9 @@ _ORDERS, _NOISES = 1999, 3999
 _RUNS = (10, 40, 350)
 #: 2 ln(likelihood ratio) that one of these always reaches
 _LEAST_RATIO = 10.0
-#: 2 ln(likelihood ratio) within which moments are as likely
-_AS_LIKELY = 4.0
+#: part of the most that a step explains of the visits: between moments with so much all rows
+#: decide
+_NEAR = 0.5
 #: part of the contrast of a place that a step must have in so many places, summed
 _STRADDLE = 2.0
 #: variances of a process over that of the white noise of a visit; parts of the span that it
@@ -69,17 +71,27 @@ class VisitMove(NamedTuple):
         0 or 1.
     amount, sigma : float
         Of the zero of the axis, later less earlier.
-    position : float
-        Between the last visit before it and the first after it.
+    before, after : int
+        Rows that are neighbours in time.
+    both : int
+        Places visited before and after.
     chance : float
         Of as much by noise without memory, at most.
+    left : ndarray, shape (2, m)
+        Deviations of the visits of `Revisits.again` without it, of both axes.
+    dofs : ndarray of int, shape (2,)
+        Of `left`.
     """
 
     axis: int
     amount: float
     sigma: float
-    position: float
+    before: int
+    after: int
+    both: int
     chance: float
+    left: np.ndarray
+    dofs: np.ndarray
 
 
 class Revisits:
@@ -96,14 +108,16 @@ class Revisits:
     radius : float
         rad; visits within it of the first one are of one place.
     design : pair of ndarray, shape (k, n), optional
-        Columns of the smooth model on each axis; only whether something moved at once asks for
-        them.
+        Columns of the smooth model on each axis; where something moved, and whether at once, asks
+        for them.
     factor : ndarray, shape (2, n), optional
         What a shift of each axis makes in `value`, as cos E of an azimuth.
     group : ndarray of int, shape (n,), optional
         Rows that are one visit: exposures of a star within minutes share their errors.
     side : ndarray of int, shape (n,), optional
         Rows with another number are of another place, as the other side of the pier.
+    zero : ndarray of int, shape (n,), optional
+        Rows with another number have zeros of their own, which `value` is without.
 
     Attributes
     ----------
@@ -115,10 +129,12 @@ class Revisits:
         Of each visit.
     rows : list of ndarray
         Rows of each visit.
+    zeros : int
+        How many numbers `zero` has.
     """
 
     def __init__(self, direction, position, value, radius, design=None, factor=None, group=None,
-                 side=None):
+                 side=None, zero=None):
         n = len(position)
         group = np.arange(n) if group is None else group
         factor = np.ones((2, n)) if factor is None else factor
@@ -126,17 +142,24 @@ class Revisits:
         first, visit = np.unique(group, return_index=True, return_inverse=True)[1:]
         when = np.bincount(visit, position) / np.bincount(visit)
         order = np.argsort(when, kind='stable')
-        count = np.bincount(visit)
-
-        def mean(values):
-            return np.array([np.bincount(visit, one) / count for one in values])[:, order]
+        self._visit, self._order = visit, order
+        self._zero = np.zeros(n, int) if zero is None else zero
+        self.zeros = len(np.unique(self._zero))
+        design = np.ones((2, 1, n)) if design is None else np.array(design)
+        self._of_rows = position, design, factor, value
         self.rows = [np.flatnonzero(visit == k) for k in order]
-        self.position, self._factor, self._value = when[order], mean(factor), mean(value)
-        self._design = [np.ones((1, len(order))) if design is None else mean(design[axis])
-                        for axis in (0, 1)]
+        self.position, self._design, self._factor, self._value = when[order], *map(
+            self._mean, self._of_rows[1:])
         self.place = _places(direction[:, first[order]], side[first[order]], radius)
         self.again = _thinned(self.place, np.bincount(self.place)[self.place] > 1)
         self._own = np.unique(self.place[self.again], return_inverse=True)[1]
+
+    def _mean(self, values):
+        """Of the rows of each visit, shape (..., m)."""
+        flat = values.reshape(-1, values.shape[-1])
+        count = np.bincount(self._visit)
+        return np.array([np.bincount(self._visit, one) / count for one in flat])[
+            :, self._order].reshape(*values.shape[:-1], -1)
 
     @property
     def places(self):
@@ -161,21 +184,23 @@ class Revisits:
 
     @cached_property
     def _tame(self):
+        return self._tamed(self._value)
+
+    def _tamed(self, value):
         """Deviations from the mean of the place, large ones brought near, shape (2, m).
 
         Of a place with a gross one nothing, for it says nothing of the others.
         """
-        off = self._off(self._value[:, self.again])
+        off = self._off(value[:, self.again])
         sigma = np.array([[sigma_of(one)] for one in off])
         gross = np.array([np.bincount(self._own, one) for one in np.abs(off) > GROSS * sigma])
         off = np.where(gross[:, self._own] > 0, 0.0, off)
         return self._off(np.clip(off, -_CLIP * sigma, _CLIP * sigma))
 
-    @cached_property
-    def _dof(self):
+    def _dof(self, tame):
         """Of what is left of a step in each axis, by the places that are not gross."""
         return [np.count_nonzero(sound) - len(np.unique(self._own[sound])) - 1
-                for sound in self._tame != 0.0]
+                for sound in tame != 0.0]
 
     @cached_property
     def _moments(self):
@@ -197,28 +222,51 @@ class Revisits:
         """1 sigma of one visit, each axis, shape (2,), robust; NaN where none differ."""
         if not self.differences:
             return np.full(2, np.nan)
-        off, dofs, move = np.array(self._tame), np.array(self._dof) + 1.0, self.move
-        if move is not None:
-            step = self._off(self._later(move.axis, move.position)[0, self.again])
-            off[move.axis] -= move.amount * step * (off[move.axis] != 0.0)
-            dofs[move.axis] -= 1.0
-        return np.sqrt(np.square(off).sum(axis=1) / np.maximum(dofs, 1.0))
+        left, dofs = (self._tame, np.array(self._dof(self._tame)) + 1) if self.move is None else (
+            self.move.left, self.move.dofs)
+        return np.sqrt(np.square(left).sum(axis=1) / np.maximum(dofs, 1))
 
     @cached_property
     def move(self):
-        """What moved, by one step at the moment that explains most: `VisitMove`, or None."""
-        if self.differences < FEWEST or min(self._dof) < FEWEST - 1 or not len(self._moments):
+        """What moved, by one step of both axes where all rows put it: `VisitMove`, or None."""
+        if self._likely is None:
             return None
-        dofs = self._dof
+        axis, chance, near = self._likely
+        position, design, factor, value = self._of_rows
+        # what is before and after in other zeros these zeros have taken up
+        numbers = np.unique(self._zero[near])
+        zeros = [factor * (self._zero == number) * one for number in numbers
+                 for one in np.eye(2)[..., None]]
+        unit = factor * np.isin(self._zero, numbers)
+        found = step_place(np.concatenate((np.swapaxes(design, 0, 1), zeros)), unit, value,
+                           position, near)
+        step, later = self._mean(unit * found.later), self._mean(found.later)[self.again]
+        left = self._tamed(self._value - found.amounts[:, None] * step)
+        step = self._off(step[:, self.again]) * (left != 0.0)
+        squares = np.maximum(np.square(step).sum(axis=1), 1e-12)
+        more, place = (step * left).sum(axis=1) / squares, self.place[self.again]
+        left, dofs = left - more[:, None] * step, np.array(self._dof(left))
+        variances = np.square(left).sum(axis=1) / np.maximum(dofs, 1) / squares
+        return VisitMove(axis, float((found.amounts + more)[axis]), float(np.sqrt(variances[axis])),
+                         found.before, found.after,
+                         len({*place[later < 1.0]} & {*place[later > 0.0]}), chance, left, dofs)
+
+    @cached_property
+    def _likely(self):
+        """Axis, chance and rows between which a step lies, if one is beyond chance."""
+        if self.differences < FEWEST:
+            return None
+        dofs = self._dof(self._tame)
+        if min(dofs) < FEWEST - 1 or not len(self._moments):
+            return None
         sound = self._tame != 0.0
         steps = [self._off(self._later(axis, self._moments)[:, self.again]) * sound[axis]
                  for axis in (0, 1)]
         each = [_squares(one, tame[None], dof)[0]
                 for one, tame, dof in zip(steps, self._tame, dofs)]
         axis = int(np.argmax([one.max() for one in each]))
-        best, at = float(each[axis].max()), int(np.argmax(each[axis]))
-        dof = dofs[axis]
-        by_student = 2 * len(self._moments) * float(two_sided(np.sqrt(best), dof))
+        best = float(each[axis].max())
+        by_student = 2 * len(self._moments) * float(two_sided(np.sqrt(best), dofs[axis]))
         if by_student > _NOT_NEAR:
             return None
         rng = np.random.default_rng(0)  # the same rows give the same chance
@@ -230,29 +278,15 @@ class Revisits:
             chance = np.mean(largest >= best * (1.0 - 1e-9))
             if chance > limit:
                 return None
-        moment, step = self._placed(axis, at, dof)
-        tame = self._tame[axis]
-        amount = step @ tame / (step @ step)
-        left = tame - amount * step
-        sigma = np.sqrt(left @ left / dof / (step @ step))
-        return VisitMove(axis, float(amount), float(sigma), moment,
-                         min(float(chance) + 1.0 / _NOISES, by_student))
-
-    def _placed(self, axis, at, dof):
-        """The likeliest moment about one of those tried, and a unit step there.
-
-        Of moments that the places cannot distinguish it is the one that suits all visits.
-        """
-        ends = self._moments[[max(at - 1, 0), min(at + 1, len(self._moments) - 1)]]
-        near = self._between[(self._between >= ends[0]) & (self._between <= ends[1])]
-        tame = self._tame[axis]
-        steps = self._off(self._later(axis, near)[:, self.again]) * (tame != 0.0)
-        gain = dof * np.log1p(_squares(steps, tame[None], dof)[0] / dof)
-        some = np.flatnonzero(gain > gain.max() - _AS_LIKELY)
-        amounts = steps[some] @ tame / np.square(steps[some]).sum(axis=1)
-        left = self._value[axis] - amounts[:, None] * self._later(axis, near[some])
-        best = some[np.argmin(np.abs(left - np.median(left, axis=1)[:, None]).sum(axis=1))]
-        return float(near[best]), steps[best]
+        gain = sum(dof * np.log1p(one / dof) for one, dof in zip(each, dofs))
+        at = int(np.argmax(gain))
+        far = np.flatnonzero(gain < _NEAR * gain[at])
+        ends = [far[far < at].max(initial=0), far[far > at].min(initial=len(gain) - 1)]
+        first, last = np.searchsorted(self.position, self._moments[ends])
+        position = self._of_rows[0]
+        near = (position >= position[self.rows[first - 1]].min()) & (
+            position <= position[self.rows[last]].max())
+        return axis, min(float(chance) + 1.0 / _NOISES, by_student), near
 
     def _orders(self, rng):
         """Orders of the visits within their places, the first one as it was, (b, m)."""
@@ -274,8 +308,6 @@ class Revisits:
         if self.move is None:
             return False
         axis, rng = self.move.axis, np.random.default_rng(0)
-        left = self._tame[axis] - self._off(self.move.amount * self._later(
-            axis, self.move.position)[0, self.again])
         some = np.unique(np.linspace(0, len(self.place) - 1, _LIKELY).round().astype(int))
         value, place = self._value[axis], self.place[some]
         limit = _CLIP * sigma_of(value - np.median(value))
@@ -284,7 +316,7 @@ class Revisits:
         design = design[np.abs(design).max(axis=1) > 1e-6]
         contrasts = np.linalg.qr(design.T, mode='complete')[0][:, len(design):]
         # what the directions do beyond the smooth model is the same at each visit of a place
-        same = max(np.var(value) / max(np.mean(left**2), 1e-300) - 1.0, 0.0)
+        same = max(np.var(value) / max(np.mean(self.move.left[axis]**2), 1e-300) - 1.0, 0.0)
         processes = _Processes(self.position[some], contrasts,
                                self._later(axis, self._moments)[:, some] @ contrasts,
                                self._factor[axis][some],

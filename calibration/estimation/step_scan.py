@@ -16,7 +16,7 @@
 
 The candidates are columns beside a design, such as a step at each moment. Rows may resemble their
 neighbours (`neighbour_noise`, estimated beside the best candidate, for a step is
-correlation too).
+correlation too). `step_place` does not ask whether a step is there, only where.
 """
 
 from typing import NamedTuple
@@ -27,9 +27,10 @@ from pointing_model.rms import sigma_of
 
 from .correlated_noise import AxisNoise, CorrelatedNoise, Sequence
 from .estimate import Estimate
-from .group_columns import GroupColumns
+from .group_columns import GroupColumns, orthonormal
 from .least_squares import System
 from .memory_likelihood import AxisLikelihood
+from .robust import bisquare, huber
 
 #: robust sigmas to which outliers are brought. Tried on nights of 40 rows with two spikes of 20
 #: sigma: no step by chance up to 4, 0.7 % at 6, 1.3 % unclipped; clean nights and the power to see
@@ -37,6 +38,10 @@ from .memory_likelihood import AxisLikelihood
 _CLIP = 3.0
 _STILL = 1e-6  # of the noise, change of the residuals that ends it
 _RCOND = 1e-7  # relative singular value of columns that depend on others but for rounding
+#: weights by which the place of a step is sought, one after the other
+_WEIGHTS = (huber,) * 6 + (bisquare,) * 4
+#: part of a step that the design must leave; weight of a value at least
+_APART, _LEAST = 1e-6, 1e-8
 
 
 class LocalColumns:
@@ -222,6 +227,91 @@ def detect(design, y, candidates, limit, run, least):
     fit = robust_fit(design.beside(candidates.column(best)), noise.whiten(y))
     return Detection(best, float(fit.coefficients[-1]), float(np.sqrt(fit.covariance[-1, -1])),
                      float(p[best]))
+
+
+class StepPlace(NamedTuple):
+    """Where two axes step.
+
+    Attributes
+    ----------
+    before, after : int
+        Rows that are neighbours in time.
+    later : ndarray, shape (n,)
+        1 in rows after it, else 0.
+    amounts : ndarray, shape (2,)
+        Of each axis, later less earlier.
+    """
+
+    before: int
+    after: int
+    later: np.ndarray
+    amounts: np.ndarray
+
+
+def step_place(design, unit, value, position, near):
+    """The place of a step of both axes at which the likelihood of all rows is largest.
+
+    A value counts less the farther it is off, with the step before it or after it, whichever suits
+    it: one on the wrong side of a place that is tried is no outlier.
+
+    Parameters
+    ----------
+    design : ndarray, shape (k, 2, n)
+        All that is fitted beside it.
+    unit : ndarray, shape (2, n)
+        What a step of 1 makes in each row after it.
+    value : ndarray, shape (2, n)
+    position : ndarray, shape (n,)
+        Time, or place in the order.
+    near : ndarray of bool, shape (n,)
+        Rows between which it is sought, of two positions at least.
+
+    Returns
+    -------
+    StepPlace
+    """
+    order = np.argsort(position, kind='stable')
+    design, unit, value, near = (one[..., order] for one in (design, unit, value, near))
+    places = np.flatnonzero(near)
+    tried = np.arange(places[0] + 1, places[-1] + 1)
+    tried = tried[np.diff(position[order])[tried - 1] > 0.0]
+    rows, least = np.arange(len(order)), max(1e-9 * float(np.abs(value).max()), 1e-300)
+    weight, scale = np.ones(unit.shape), np.ones((2, 1))
+    for weigh in _WEIGHTS:
+        root = np.sqrt(weight) / scale
+        basis = orthonormal((design * root).reshape(len(design), -1)).reshape(-1, *unit.shape)
+        step, rest = unit * root, _off(basis, value * root)
+        best, amounts = _best_place(basis, step, rest, tried)
+        later = rows >= best
+        left = (rest - _off(basis, amounts[:, None] * step * later)) / root
+        # with the step on the other side of each
+        other = left + amounts[:, None] * unit * np.where(later, 1.0, -1.0)
+        scale = np.maximum(sigma_of(left, axis=1), least)[:, None]
+        off, beyond = np.abs(left) / scale, np.abs(other) / scale
+        weight = np.maximum(weigh(np.where(near, np.minimum(off, beyond), off)), _LEAST)
+    return StepPlace(int(order[best - 1]), int(order[best]),
+                     np.where(np.argsort(order) >= best, 1.0, 0.0), amounts)
+
+
+def _off(basis, values):
+    """Values, shape (2, n), without what orthonormal rows, (r, 2, n), span."""
+    return values - np.tensordot(np.tensordot(basis, values, 2), basis, 1)
+
+
+def _best_place(basis, step, rest, tried):
+    """Of the places that are tried the one that explains most of the rest, and its amounts."""
+    def later(values):
+        return np.cumsum(values[..., ::-1], axis=-1)[..., ::-1][..., tried]
+    along, shared, square = later(step * rest), later(step * basis), later(step**2)
+    normal = -np.einsum('ram,rbm->abm', shared, shared)
+    normal[[0, 1], [0, 1]] += square
+    (xx, xy), (_, yy) = normal
+    size = xx * yy - xy**2
+    known = size > _APART * square[0] * square[1]
+    amounts = np.array([yy * along[0] - xy * along[1],
+                        xx * along[1] - xy * along[0]]) / np.where(known, size, np.inf)
+    best = int(np.argmax((along * amounts).sum(axis=0)))
+    return tried[best], amounts[:, best]
 
 
 def two_sided(t, dof):

@@ -132,7 +132,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         progress('looking for effects', 0, None)
     run = RunProblem(obs, base, alpha)
     rows = ResidualRows.from_observations(run.obs, run.problem.plain.fit([]).raw)
-    again = visit_findings(rows, rows.visits(run.base.terms or rows.context.mount.names.index))
+    again = visit_findings(rows, rows.visits(run.base.terms or rows.context.mount.names.index,
+                                             bool(run.base.own)))
     for one in (*run.obs.notes, *again) if first_answer else ():
         if getattr(one, 'kind', '') in MOVES:
             first_answer(one)

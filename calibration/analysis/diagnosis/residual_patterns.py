@@ -109,8 +109,16 @@ class ResidualRows(NamedTuple):
         """Of `Observations`; `residual`: what a model leaves of them, x then y, (2n,) or (2, n)."""
         return cls(obs.context, obs.sequence, obs.lines, residual.reshape(2, -1), row_word(obs.run))
 
-    def visits(self, terms):
-        """The `Revisits` of the rows; `terms`: names of those that the residuals are of."""
+    def visits(self, terms, own_zeros=False):
+        """The `Revisits` of the rows.
+
+        Parameters
+        ----------
+        terms : sequence of str
+            That the residuals are of.
+        own_zeros : bool
+            Each run has zeros of its own.
+        """
         context, sequence, mount = self.context, self.sequence, self.context.mount
         n = len(context)
         # runs follow each other in their files, whatever their clocks say
@@ -121,7 +129,7 @@ class ResidualRows(NamedTuple):
         return Revisits(
             context.direction(), position, self.residual, RADIUS,
             (columns[:, :n], columns[:, n:]), np.array([index[0, :n], index[1, n:]]),
-            sequence.group, is_beyond(context.el).astype(int))
+            sequence.group, is_beyond(context.el).astype(int), sequence.run if own_zeros else None)
 
 
 def patterns_first(findings):
@@ -146,20 +154,16 @@ def visit_findings(rows, visits):
     if move is None and visits.differences < _FEWEST:
         return []
     known = {'places': visits.places, 'radius_deg': RADIUS / DEG, 'axes': names.axes,
+             'zeros': visits.zeros,
              'noise_arcsec': tuple((visits.noise / ARCSEC).tolist()),
              'left_arcsec': tuple(float(sigma_of(one)) / ARCSEC for one in rows.residual)}
     if move is None:
         return [Finding('places visited again', evidence=known)]
-    when = visits.position
-    before = visits.rows[int(np.flatnonzero(when < move.position)[-1])][-1]
-    after = visits.rows[int(np.flatnonzero(when > move.position)[0])][0]
-    both = len(set(visits.place[visits.again & (when < move.position)])
-               & set(visits.place[visits.again & (when > move.position)]))
     return [Finding(STEP if visits.at_once else MOVES[1],
                     move.amount / ARCSEC, move.sigma / ARCSEC, evidence={
                         **known, 'axis': names.axes[move.axis], 'word': rows.word,
-                        'term': names.index[move.axis], 'both': both,
-                        'before': rows.lines[before], 'after': rows.lines[after],
+                        'term': names.index[move.axis], 'both': move.both,
+                        'before': rows.lines[move.before], 'after': rows.lines[move.after],
                         'chance': move.chance})]
 
 
@@ -201,28 +205,24 @@ def memory_findings(rows, terms):
         'axes': [names.axes[axis] for axis, _ in found]})] if found else []
 
 
-def step_of(rows, terms, least=0.0):
-    """Where the visits of places begin to disagree at once.
+def step_finding(rows, visits, least=0.0):
+    """The step from where the visits of places disagree.
 
     Parameters
     ----------
     rows : ResidualRows
-    terms : sequence of str
-        That the residuals are of.
+    visits : Revisits
     least : float
         A smaller step is none, in the noise of one visit.
 
     Returns
     -------
-    position : float or None
-        Time, or place in the order, between the visits before and after it.
-    found : Finding or None
+    Finding or None
     """
-    visits = rows.visits(terms)
     move = visits.move
     if move is None or abs(move.amount) < least * visits.noise[move.axis] or not visits.at_once:
-        return None, None
-    return move.position, visit_findings(rows, visits)[0]
+        return None
+    return visit_findings(rows, visits)[0]
 
 
 def cluster_findings(rows):

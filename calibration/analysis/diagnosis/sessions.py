@@ -39,7 +39,7 @@ from ..finding import Finding
 from ..term_fit import fit_terms, rotation_start
 from .base_terms import Base
 from .observations import mount_of, observations, run_labels
-from .residual_patterns import MOST_ROWS, ResidualRows, step_of
+from .residual_patterns import MOST_ROWS, ResidualRows, step_finding
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
 GAPS = (3.0, 6.0, 12.0)
@@ -234,24 +234,28 @@ def split_at_steps(run, terms=(), encoder='enc', least_step=0.0):
     """
     terms = tuple(terms) or run.mount.names.physical
     step = -(-len(run) // MOST_ROWS)
+    time = np.asarray(run.get('time'), float)
+    when = time if np.isfinite(time).all() else np.arange(len(run))
     for _ in range(_STEPS):
-        part = run if step < 2 else run.select(slice(None, None, step))
+        part, own = run if step < 2 else run.select(slice(None, None, step)), 'run' in run
         try:
-            fitted = fit_terms(part, terms, encoder=encoder, run_zeros='run' in run)
+            fitted = fit_terms(part, terms, encoder=encoder, run_zeros=own)
         except ValueError:  # whoever fits them says why
             break
         rows = ResidualRows.from_fit(part, fitted, encoder)
         if step > 1:
             rows = rows._replace(lines=run.lines[::step][rows.lines])
-        position, found = step_of(rows, terms, least_step)
+        found = step_finding(rows, rows.visits(terms, own), least_step)
         if found is None:
             break
-        time = np.asarray(run.get('time'), float)
-        when = time if np.isfinite(time).all() else np.arange(len(run)) / step
-        own = run.get('run', 1.0) * 2.0 + (when > position)
-        run = add_note(PointingRun({
-            **run.columns, 'run': 1 + np.unique(own, return_inverse=True)[1]}, run.meta),
-            replace(found, todo='own zeros'))
+        label = np.asarray(run.get('run', np.ones(len(run))))
+        first = int(np.flatnonzero(run.lines == found['after'])[0])
+        later = (label == label[first]) & (when >= when[first])
+        label = 1 + np.unique(2.0 * label + later, return_inverse=True)[1]
+        if label.max() == session_count([run]):  # it is where a session begins anyway
+            break
+        run = add_note(PointingRun({**run.columns, 'run': label}, run.meta),
+                       replace(found, todo='own zeros'))
     return run
 
 

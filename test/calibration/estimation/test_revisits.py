@@ -50,7 +50,7 @@ def test_a_step_between_two_passes_is_found_and_is_one():
     move = visits.move
     assert move.axis == 1 and visits.at_once
     assert abs(move.amount - 5.0) < 4.0 * move.sigma < 2.0
-    assert 19 * 60.0 < move.position < 20 * 60.0 and move.chance < 0.02
+    assert (move.before, move.after) == (19, 20) and move.both == 20 and move.chance < 0.02
     assert np.allclose(visits.noise, 1.0, rtol=0.5)
 
 
@@ -59,6 +59,36 @@ def test_a_step_is_found_beside_errors_of_the_places_and_wild_rows():
         return np.where(np.arange(n) % 20 == 4, 300.0, 0.0)
     visits = two_passes(3, places=30, size=6.0, place=30.0, curve=wild)
     assert visits.move.axis == 1 and abs(visits.move.amount - 6.0) < 2.0
+
+
+def test_all_rows_say_where_a_step_of_both_zeros_is():
+    right = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        n, first = 96, int(rng.integers(24, 72))
+        place = np.concatenate([rng.permutation(8) for _ in range(12)])
+        az, el = np.pi / 4.0 * place, np.where(place % 2, 0.5, 0.9)
+        design = np.array([np.cos(az), np.sin(az), np.sin(el), np.ones(n)])
+        value = rng.normal(size=(2, n)) + 8.0 * (np.arange(n) >= first)
+        value[0, rng.choice(n, 3, replace=False)] += 40.0
+        for axis in (0, 1):  # the model has zeros that do not change
+            value[axis] -= np.linalg.lstsq(design.T, value[axis], rcond=None)[0] @ design
+        # pairs of rows may be one visit: some begin before the step and end after it
+        same = np.arange(n) - (np.diff(place, prepend=-1) == 0)
+        direction = np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
+        visits = Revisits(direction, np.arange(n) * 60.0, value, RADIUS, (design, design),
+                          group=same)
+        move = visits.move
+        assert move.after == move.before + 1 and move.both == 8
+        assert abs(move.amount - 8.0) < 4.5 * move.sigma
+        assert np.allclose(visits.noise, 1.0, atol=0.3)
+        right += move.after == first
+    assert right >= 18
+
+
+def test_a_step_is_sought_beside_zeros_of_their_own():
+    visits = two_passes(6, places=40, size=8.0, zero=np.repeat([0, 1], [20, 60]))
+    assert visits.zeros == 2 and (visits.move.before, visits.move.after) == (39, 40)
 
 
 def test_of_white_noise_little_moves():
