@@ -279,8 +279,9 @@ def _noise(found):
 def _visited_again(found):
     more = ' and '.join(f'{arcsec(left)} ({axis})' for axis, left, noise in zip(
         found['axes'], found['left_arcsec'], found['noise_arcsec']) if left > _MORE * noise)
+    beside = f' beside the zeros of {found["zeros"]} sessions' if found['zeros'] > 1 else ''
     return (f'{found["places"]} places were visited again (within {found["radius_deg"]:g}°), and '
-            f'nothing moved between visits. {_noise(found)}'
+            f'nothing moved between visits{beside}. {_noise(found)}'
             + (f'. The terms leave more, {more}, an error of the direction' if more else ''))
 
 

@@ -81,6 +81,47 @@ def test_a_zero_that_drifts_has_moved_and_begins_no_session():
     assert 'run' not in split_at_steps(run) and 'run' not in arrange(run).runs[0]
 
 
+def few_places(seed, steps, **meta):
+    """96 rows over eight places; `steps` of both zeros: row -> arcsec from there on."""
+    rng = np.random.default_rng(seed)
+    n, place = 96, np.concatenate([rng.permutation(8) for _ in range(12)])
+    az = np.pi / 4.0 * place + rng.normal(0.0, 0.005, n)
+    el = np.arcsin(rng.uniform(0.35, 0.97, 8))[place]
+    readings = np.array(sky_to_encoder(az, el, {'IA': 20.0 * ARCSEC, 'AN': 12.0 * ARCSEC}))
+    zeros = np.sum([size * (np.arange(n) >= row) for row, size in steps.items()], axis=0)
+    readings += ARCSEC * (zeros + rng.normal(size=(2, n)) / [np.cos(el), np.ones(n)])
+    return PointingRun({
+        'az': az, 'el': el, 'az_enc': readings[0], 'el_enc': readings[1],
+        'time': np.cumsum(rng.uniform(60.0, 150.0, n))}, {'time_is_utc': False, **meta})
+
+
+def begins(run):
+    """Rows with which sessions begin."""
+    return (1 + np.flatnonzero(np.diff(run.get('run', np.ones(len(run)))))).tolist()
+
+
+def test_sessions_begin_at_the_rows_of_the_steps():
+    found = []
+    for seed in range(20):
+        step = 24 + 2 * seed
+        run = split_at_steps(few_places(seed, {step: 8.0}, lines=np.arange(2, 98)))
+        found.append(begins(run) == [step])
+        (note,) = run.meta['notes']
+        assert note['after'] == note['before'] + 1 == 2 + begins(run)[0]
+        assert np.allclose(note['noise_arcsec'], 1.0, atol=0.35)
+    assert sum(found) >= 19
+    two = [split_at_steps(few_places(seed, {30: 10.0, 66: -40.0})) for seed in (1, 2)]
+    assert [begins(run) for run in two] == [[30, 66]] * 2
+
+
+def test_what_is_said_after_a_step_is_said_beside_its_sessions():
+    found = fit_run(few_places(5, {50: 8.0}), sessions=None)
+    assert begins(found.run) == [50] and (found.terms.weights > 0.0).all()
+    notes = ' '.join(wording(one) for one in found.findings if not isinstance(one, str))
+    assert 'between rows 49 and 50' in notes
+    assert 'nothing moved between visits beside the zeros of 2 sessions' in notes
+
+
 def test_where_nothing_moved_the_noise_is_told():
     found = fit_run(two_passes(size=0.0))
     (again,) = [one for one in found.findings if 'visited again' in getattr(one, 'kind', '')]
