@@ -113,11 +113,13 @@ def fit_night(observations, zeros, harmonics, seed):
     ValueError
         Too few stars.
     """
+    from .analysis.diagnosis.residual_patterns import ResidualRows, jump_findings
     observed = for_fitting(observations)
     follows = zero_following(observed)
     rows = follows.corrected(observed)
     terms = fit_terms_of(zeros, rows)
-    out = NightFit(observed, rows, follows, terms, terms, None, 0, [])
+    jumps = jump_findings(ResidualRows.from_fit(rows, terms), terms.model.terms)
+    out = NightFit(observed, rows, follows, terms, terms, None, 0, list(map(wording, jumps)))
     if not harmonics:
         return out
     out.chosen, out.harmonics, findings = fit_chosen(

@@ -34,6 +34,7 @@ from .diagnosis.residual_patterns import (
     STEP,
     ResidualRows,
     cluster_findings,
+    jump_findings,
     memory_findings,
     patterns_first,
     visit_findings,
@@ -212,6 +213,8 @@ def _patterns(run, result, terms, how):
         after = fit_terms(split, terms, **{**how, 'run_zeros': True})
         out = [replace(out[0], before=result.rms_arcsec().radial,
                        after=after.rms_arcsec().radial)]
+    elif not how['run_zeros']:
+        out += jump_findings(rows, terms)
     return out + memory_findings(rows, terms) + cluster_findings(rows)
 
 

@@ -22,10 +22,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibration.estimation.correlated_noise import Sequence
+from calibration.estimation.correlated_noise import Sequence, WhiteNoise
+from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.lag_correlation import lag_correlation
 from calibration.estimation.outlier_clusters import Window, clusters
 from calibration.estimation.revisits import Revisits
+from calibration.estimation.step_scan import step_place
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
@@ -46,12 +48,16 @@ MOST_ROWS = 5000
 #: kinds of findings that say that something moved
 STEP = 'step between visits'
 MOVES = (STEP, 'moved between visits')
-_TOGETHER, _ALIKE = 'outliers together', 'consecutive rows alike'
+_TOGETHER, _ALIKE, _JUMP = 'outliers together', 'consecutive rows alike', 'zeros jumped'
 #: chance that rows of white noise are so like the row before, on an axis; robust sigmas beyond
 #: which a row counts as so far off
 _BY_CHANCE, _AT_MOST = 1e-3, 3.0
 #: kinds that say where to look first
-PATTERNS = (*MOVES, _ALIKE, _TOGETHER)
+PATTERNS = (*MOVES, _JUMP, _ALIKE, _TOGETHER)
+#: times that the RMS must fall by zeros that jump once (where they drift evenly it falls to a half:
+#: 0 of 2250 runs of white noise, walks, drifts and heavy tails); rows on either side, at least, and
+#: degrees of freedom
+_FALL, _SIDE, _FREE = 3.0, 3, 6
 #: windows of a place
 _OF_PLACE = ('direction', 'azimuth', 'first axis')
 #: robust sigmas from where a row is an outlier that others may lie beside
@@ -203,6 +209,52 @@ def memory_findings(rows, terms):
     return [Finding(_ALIKE, max(beyond for _, beyond in found), unit='', evidence={
         'terms': [names.index[axis] for axis, _ in found if names.index[axis] in terms],
         'axes': [names.axes[axis] for axis, _ in found]})] if found else []
+
+
+def jump_findings(rows, terms):
+    """Zeros that jump so far that all terms together cannot hide it, whatever is visited again.
+
+    Parameters
+    ----------
+    rows : ResidualRows
+    terms : sequence of str
+        That the residuals are of.
+
+    Returns
+    -------
+    list of Finding
+        One or none; its size is the jump of the axis that moves more.
+    """
+    names, n = rows.context.mount.names, len(rows.context)
+    if not set(names.index) <= set(terms) or 2 * n < len(terms) + 2 + _FREE or n < 2 * _SIDE:
+        return []
+    columns, index = (stacked_design(some, rows.context.az, rows.context.el, rows.context.mount)
+                      for some in (terms, names.index))
+    unit = np.array([index[0, :n], index[1, n:]])
+    order = rows.sequence.order
+    near = np.zeros(n, bool)
+    near[order[_SIDE - 1:n - _SIDE + 1]] = True
+    place = step_place(columns.reshape(len(terms), 2, n), unit, rows.residual,
+                       np.argsort(order) * 1.0, near)
+    steps = np.zeros((2, 2, n))
+    steps[[0, 1], [0, 1]] = unit * place.later
+    with_it = np.concatenate((columns, steps.reshape(2, -1)))
+    value = rows.residual.ravel()
+    after = GroupColumns.alone(with_it).left_of(value, WhiteNoise(np.ones(2 * n))).reshape(2, n)
+    good = np.hypot(*after) <= _FAR * np.sqrt(2.0) * max(map(sigma_of, after))
+    rms = []
+    for design in (columns, with_it):
+        white = WhiteNoise(np.tile(good, 2).astype(float))
+        left = GroupColumns.alone(design).left_of(value, white).reshape(2, n)[:, good]
+        rms.append(np.sqrt(2.0 * np.square(left).sum()
+                           / max(2 * np.count_nonzero(good) - len(design), 1)))
+    if rms[0] < _FALL * rms[1] or np.count_nonzero(~good) > n // 4:
+        return []
+    axis = int(np.argmax(np.abs(place.amounts)))
+    return [Finding(_JUMP, place.amounts[axis] / ARCSEC, before=rms[0] / ARCSEC,
+                    after=rms[1] / ARCSEC, evidence={
+                        'axis': names.axes[axis], 'word': rows.word,
+                        'before': rows.lines[place.before], 'after': rows.lines[place.after]})]
 
 
 def step_finding(rows, visits, least=0.0):

@@ -16,7 +16,6 @@
 
 import numpy as np
 import pytest
-
 from simulated import night
 
 from calibration.analysis.diagnosis.expected_error import (

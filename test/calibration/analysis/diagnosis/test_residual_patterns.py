@@ -17,9 +17,14 @@
 import numpy as np
 import pytest
 from noisy_run import make_run
+from simulated import night
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.residual_patterns import ResidualRows, memory_findings
+from calibration.analysis.diagnosis.residual_patterns import (
+    ResidualRows,
+    jump_findings,
+    memory_findings,
+)
 from calibration.analysis.diagnosis.sessions import arrange, split_at_steps
 from calibration.analysis.finding import Finding
 from calibration.analysis.run_fit import fit_run
@@ -208,3 +213,28 @@ def test_where_outliers_lie_is_told(what, said):
         'first_deg': (-10.0, 3.0), 'first_axis': 'hour angle', 'star': '11767', 'chance': 0.001,
         'side': True}))
     assert said in text and 'Lines 3, 4, 9 are 12.0″ too low in declination' in text
+
+
+def test_zeros_that_jump_far_are_told_without_places_visited_again():
+    """Of 14 stars the seven terms take on most of it, and the fit looks merely bad."""
+    for seed in range(8):
+        run = night(seed, 14)
+        run.columns['az_enc'][7:] += 100.0 * ARCSEC
+        found, = jumps(run)
+        assert (found['before'], found['after']) == (6, 7) and found.size == pytest.approx(100, abs=9)
+        assert found.before > 3.0 * found.after
+        assert 'jumped by +' in wording(found) and 'between rows 6 and 7' in wording(found)
+
+
+@pytest.mark.parametrize('noise', [
+    lambda rng, el: rng.normal(size=(2, len(el))),
+    lambda rng, el: np.cumsum(3.0 * rng.normal(size=(2, len(el))), axis=1),
+    lambda rng, el: rng.normal(size=(2, len(el))) + np.linspace(0.0, 60.0, len(el)),
+    lambda rng, el: rng.standard_t(2, size=(2, len(el)))])
+def test_zeros_that_drift_or_scatter_do_not_jump(noise):
+    assert not any(jumps(night(seed, n, noise=noise)) for seed in range(8) for n in (14, 40))
+
+
+def jumps(run):
+    fit = fit_terms(run)
+    return jump_findings(ResidualRows.from_fit(run, fit), tuple(fit.model.terms))
