@@ -348,9 +348,9 @@ KINDS = {
     'consecutive rows alike': _consecutive,
     'zeros jumped': lambda found: (
         f'The zero of the {found["axis"]} jumped by {arcsec(found.size, sign=True)} between '
-        f'{found["word"]}s {found["before"]} and {found["after"]}: with zeros of its own after '
-        f'that the RMS is {arcsec(found.after)}, without {arcsec(found.before)}. Do not trust '
-        'these terms; look at power, head and driver of the encoder'),
+        f'{found["word"]}s {found["before"]} and {found["after"]}. With new zeros there the RMS '
+        f'is {arcsec(found.after)}, not {arcsec(found.before)}. Do not trust these terms: look at '
+        'power, head and driver of the encoder'),
     'outliers together': _cluster,
     'columns alike': lambda found: columns_alike(found.causes),
     'reading as good': _reading_as_good,

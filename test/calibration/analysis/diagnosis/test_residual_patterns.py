@@ -221,7 +221,8 @@ def test_zeros_that_jump_far_are_told_without_places_visited_again():
         run = night(seed, 14)
         run.columns['az_enc'][7:] += 100.0 * ARCSEC
         found, = jumps(run)
-        assert (found['before'], found['after']) == (6, 7) and found.size == pytest.approx(100, abs=9)
+        assert (found['before'], found['after']) == (6, 7)
+        assert found.size == pytest.approx(100.0, abs=9.0)
         assert found.before > 3.0 * found.after
         assert 'jumped by +' in wording(found) and 'between rows 6 and 7' in wording(found)
 
