@@ -22,6 +22,10 @@ from .folds import cross_validate_quickly
 from .linear_model import LIVE
 from .significance import significance
 
+#: part of the RMS of rows left out that a change of an effect must take off: a place or a width
+#: that is not quite right looks like one
+_WORTH = 0.05
+
 
 def eliminate(problem, choice, alpha, chance, partitions, alone=False):
     """Test each of a choice with all others in the model, and drop until all of them hold.
@@ -47,10 +51,10 @@ def eliminate(problem, choice, alpha, chance, partitions, alone=False):
         if weakest is not None:
             choice.dropped.append(choice.chosen.pop(weakest))
         else:
-            choice.gains = _gains(problem, choice, partitions)
-            if min(choice.gains, default=1.0) > 0.0:
+            choice.gains, spare = _gains(problem, choice, partitions)
+            if min(spare, default=1.0) > 0.0:
                 break
-            worst = int(np.argmin(choice.gains))
+            worst = int(np.argmin(spare))
             choice.dropped_by_cv.append(choice.chosen[worst])
             choice.chosen = choice.without(worst)
         choice.fit = problem.plain.fit(choice.chosen)
@@ -100,15 +104,23 @@ def _gains(problem, choice, partitions):
 
     Of an effect of one axis the RMS of that axis counts: what it does there must hold there. Of
     each the least of all partitions; empty without any.
+
+    Returns
+    -------
+    gains, spare : list of float
+        Also how much more than it must.
     """
     keep, noise = choice.fit.weights > LIVE, choice.fit.noise
     if not partitions or not choice.chosen:
-        return []
+        return [], []
     whole, *without = (cross_validate_quickly(problem, some, noise, partitions) for some in (
         choice.chosen, *map(choice.without, range(len(choice.chosen)))))
-    out = []
+    gains, spare = [], []
     for one, less in zip(choice.chosen, without):
         axes = {'az': [0], 'el': [1]}.get(one.effect(problem).axes, [0, 1])
-        out.append(min(radial_arcsec(left[axes], keep) - radial_arcsec(with_it[axes], keep)
-                       for left, with_it in zip(less, whole)))
-    return out
+        rms = np.array([[radial_arcsec(left[axes], keep) for left in pair]
+                        for pair in zip(less, whole)])
+        gains.append(float((rms[:, 0] - rms[:, 1]).min()))
+        least = 0.0 if one.of is None else _WORTH
+        spare.append(float(((1.0 - least) * rms[:, 0] - rms[:, 1]).min()))
+    return gains, spare

@@ -25,6 +25,8 @@ in each fold of its cross-validation, but that folds are offered waves and curve
 whole run has found one.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from .backward_elimination import eliminate
@@ -51,6 +53,9 @@ MOST_EFFECTS = 20
 ROUNDS = 4
 #: times that the place of what was found is refined, each four times as finely; BIC it must gain
 _LEVELS, _WORTH = 3, 0.5
+#: squared cosine, beyond the base, from which a second bump of a scan makes up for the place or the
+#: width of the first: of two that are nearly two widths apart
+_TWINS = 0.15
 _SWEEPS = 2  # second looks at all choices: the second sees what the first has changed
 
 
@@ -142,7 +147,8 @@ def _forward(problem, plain, choice, alpha, chance, given_up):
     blocked, choice.masked = [], [c for c in choice.masked if not c.plain]
     mask = _mask(problem, choice, bank)
     while len(choice.chosen) < MOST_EFFECTS:
-        g = _beyond_chance(plain, choice.fit, alpha, chance, [*without, *blocked])
+        g = _beyond_chance(plain, choice.fit, alpha, chance,
+                           [*without, *blocked, *_twins(plain, choice)])
         if g is None:
             break
         lost = _masked(problem, choice, bank, mask, g, alpha, chance)
@@ -225,12 +231,35 @@ def refine(problem, choice):
         gain = problem.dictionary.score(fit, [one.group]).delta_bic[one.group]
         for level in range(_LEVELS):
             near = problem.finer(one.group, level)
-            best, better = best_of(near.score(fit))
+            best, better = best_of(near.score(fit), _twins(problem, choice, one, near))
             if better <= gain + _WORTH:
                 break
             problem.replace(one.group, near.effects[best], near.of(best))
             gain = better
             choice.fit = problem.fit(choice.chosen, choice.fit.weights)
+
+
+def _twins(problem, choice, one=None, near=None):
+    """Groups, of the dictionary or `near` to `one`, where a chosen bump of the same scan is.
+
+    Two at one place take up what one of another width does, with heights that cancel.
+    """
+    bank, line, out = near or problem.dictionary, problem.dictionary.line, []
+    for other in choice.chosen:
+        if other == one or not other.plain or 'centre' not in other.effect(problem).searched:
+            continue
+        if near is None:
+            groups = np.flatnonzero(line == line[other.group])
+        elif line[one.group] != line[other.group]:
+            continue
+        else:
+            groups = np.arange(len(near))
+        noise = choice.fit.noise
+        base = replace(choice.fit, basis=problem.base.basis(noise))
+        own = next(problem.dictionary.bases(base, [other.group]))[1][0]
+        for some, basis, _ in bank.bases(base, groups):
+            out += some[np.square(basis[:, 0] @ own[0]) > _TWINS].tolist()
+    return out
 
 
 def second_look(problem, choice, without=()):
@@ -245,7 +274,8 @@ def second_look(problem, choice, without=()):
             if gains is None:
                 gains = _in_place(problem, choice)
             mine = gains[one].copy()
-            mine[[*without, *(c.group for c in choice.chosen if c.plain and c != one)]] = -np.inf
+            mine[[*without, *_twins(problem, choice, one),
+                  *(c.group for c in choice.chosen if c.plain and c != one)]] = -np.inf
             g = largest(mine)
             if mine[g] <= 0.0:
                 choice.dropped.append(choice.chosen.pop(i))

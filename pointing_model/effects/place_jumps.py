@@ -33,7 +33,7 @@ _FLOPS, _FLOPS_WITH_PLAY, _PLAYS = 96, 48, (5.0 * DEG, 10.0 * DEG, 15.0 * DEG)
 #: rows on either side of a flop, and within a bump, at least
 _FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
 #: 1-sigma widths of a bump that are tried, rad; equal joints in a turn
-_WIDTHS, _JOINTS = (2.0 * DEG, 4.0 * DEG, 8.0 * DEG), (3, 4, 6, 8, 12)
+_WIDTHS, _JOINTS = (2.0 * DEG, 4.0 * DEG, 8.0 * DEG, 16.0 * DEG), (3, 4, 6, 8, 12)
 #: from one place to the next, and within what a row counts as in the bump, in widths
 _SPACING, _WITHIN = 1.0, 1.5
 _LOOK_AT_MIRROR = 'supports and lock of the mirror, supports of the secondary, the focuser'
@@ -92,8 +92,11 @@ def _track_bump(centre, width, count=1, mount=USUAL):
     def wording(amount):
         where = f'{np.degrees(centre) % (360.0 / count):.0f}°'
         where += f' and each {360.0 / count:.0f}° from there' if count > 1 else ''
-        return (f'The mount {"tips" if names.vertical else "moves"} by {arcsec(amount.size)} at '
-                f'{word} {where}, within ±{width / DEG:.1f}°')
+        # positive: the encoder reads too much, so the tube is too low
+        moves = (f'{"dips" if amount.values[0] > 0.0 else "rises"} by {arcsec(amount.size)}'
+                 if names.vertical else f'moves by {arcsec(amount.values[0], True)}')
+        within = 'within' if width < 0.99 * _WIDTHS[-1] else 'over at least'
+        return f'The mount {moves} at {word} {where}, {within} ±{width / DEG:.1f}°'
 
     joints = 'a joint or bump of the track' if names.vertical else 'a bad place of its bearing'
     return Effect('track_bump' + (f's_{count}' if count > 1 else ''),
@@ -121,7 +124,7 @@ def propose(context, lacking, own):
                              for at in _between(context, _FLOPS_WITH_PLAY)])
     yield Offer('track_bump', [
         effect('track_bump', centre=centre, width=width, count=count)
-        for count in (1, *_JOINTS) for width in _WIDTHS[:3 if count == 1 else 2]
+        for count in (1, *_JOINTS) for width in _WIDTHS[:4 if count == 1 else 2]
         for centre in _places(context.az, width, count)])
 
 

@@ -26,6 +26,7 @@ from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount_geometry import Bump, MountErrors, MountGeometry, azimuth_elevation
 from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.effects import Amount
 from pointing_model.mounts import is_beyond
 from pointing_model.runs.run import PointingRun
 
@@ -132,3 +133,26 @@ def test_outliers_that_gather_at_rail_joints_are_no_accidents():
     assert at == pytest.approx(sorted((one, other)), abs=0.5)
     assert all(e.parameters['width'] / DEG == pytest.approx(3.0, abs=0.7) for e in found)
     assert (result.weights > 0.0).all()
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_a_wide_bump_is_one_bump(seed):
+    """Of 12 degrees, between the widths that are tried: not two of 8, one up and one down."""
+    bump = Bump(at=115.0 * DEG, width=12.0 * DEG, amplitude=12.0 * ARCSEC)
+    result = diagnose(made(MountErrors(ia=30.0 * ARCSEC, bumps=(bump,)), 90, seed), **FAST)
+    one, = result.effects
+    assert one.fitted.effect.form == 'track_bump'
+    assert np.degrees(one.fitted.effect.parameters['centre']) == pytest.approx(115.0, abs=2.0)
+    assert one.fitted.effect.parameters['width'] / DEG == pytest.approx(12.0, abs=2.5)
+    assert one.fitted.coefficients / ARCSEC == pytest.approx([12.0], abs=1.5)
+    assert 'The mount dips by 1' in view_of(result).sentences[0]
+
+
+def test_two_bumps_of_one_width_and_both_signs_are_two():
+    bumps = tuple(Bump(at=at * DEG, width=8.0 * DEG, amplitude=up * ARCSEC)
+                  for at, up in ((100.0, 15.0), (140.0, -15.0)))
+    result = diagnose(made(MountErrors(ia=30.0 * ARCSEC, bumps=bumps), 120), **FAST)
+    found = {round(float(np.degrees(e.fitted.effect.parameters['centre'])) / 10.0) * 10:
+             e.fitted.effect.clause(Amount(e.fitted.coefficients / ARCSEC)) for e in result.effects}
+    assert sorted(found) == [100, 140]
+    assert 'dips by' in found[100] and 'rises by' in found[140]
