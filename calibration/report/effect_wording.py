@@ -94,7 +94,7 @@ def effect_summary(diagnosis, found):
                        else '. A short move shows less of it.'))
     reach = float(np.ptp(values)) if len(values) else 0.0
     return Statement(_lead(seen, rms, reach, own),
-                     ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), rms, reach)
+                     ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), reach)
 
 
 def _lead(seen, rms, reach, own):

@@ -70,57 +70,18 @@ class Statement:
         What it is.
     more : str
         Why, what to do about it, what it rests on.
-    size_arcsec, reach_arcsec : float, optional
-        Of an effect: RMS on the sky, and peak to peak.
+    reach_arcsec : float, optional
+        Of an effect, peak to peak.
     """
 
     lead: str
     more: str = ''
-    size_arcsec: float | None = None
     reach_arcsec: float | None = None
 
     @property
     def text(self):
         """All of it."""
         return f'{self.lead} {self.more}'.strip()
-
-
-@dataclass
-class Verdict:
-    """What there is to know, in the order in which it is to be known.
-
-    Attributes
-    ----------
-    headline : str
-    first, ranked, rest : list of Statement
-        Before the effects, what may put all of them in doubt; the effects, the largest first; what
-        follows.
-    smaller : list of Statement
-        Effects beyond those in `ranked`.
-    way : str
-        Where large numbers do not show it: RMS raw, with the terms, with effects.
-    raw : str
-        What the first of these consists of.
-    """
-
-    headline: str
-    first: list
-    ranked: list
-    rest: list
-    smaller: list
-    way: str
-    raw: str
-
-    @property
-    def sentences(self):
-        """All but the headline; several effects are numbered."""
-        several = len(self.ranked) > 1
-        return [*(one.text for one in self.first),
-                *(f'{i}. {one.text}' if several else one.text
-                  for i, one in enumerate(self.ranked, 1)),
-                *([f'And {len(self.smaller)} more, smaller.'] if self.smaller else []),
-                *filter(None, [' '.join(filter(None, [self.way, self.raw]))]),
-                *(one.text for one in self.rest)]
 
 
 def short_headline(document, effects):
@@ -165,7 +126,7 @@ def _beyond_terms(document):
     return f' beyond the {terms}-term model of {kind_of(document).words}' * bool(terms)
 
 
-def verdict_summary(document, effects=(), limit=5, caution=''):
+def verdict_sentences(document, effects=(), limit=5, caution=''):
     """The verdict of a diagnosis in full sentences: of ``--verbose``, the node and Python.
 
     What the page and the terminal show first is `short_headline`.
@@ -183,24 +144,28 @@ def verdict_summary(document, effects=(), limit=5, caution=''):
 
     Returns
     -------
-    Verdict
+    headline : str
+    sentences : list of str
+        What may put all effects in doubt; the effects, numbered where there are several; the way
+        of the RMS; what follows.
     """
     headline, first, rest = _statements(document, effects, caution)
     ranked = [] if document['verdict'] in _WITHOUT_EFFECTS else _ranked(document, effects)
-    first, rest = ([one if isinstance(one, Statement) else Statement(one)
-                    for one in statements if one and one != Statement('')]
-                   for statements in (first, rest))
-    return Verdict(headline, first, ranked[:limit], rest, ranked[limit:], way(document),
-                   raw_error_sentence(document))
+    smaller = len(ranked[limit:])
+    named = ranked[:limit]
+    if len(named) > 1:
+        named = [f'{i}. {text}' for i, text in enumerate(named, 1)]
+    return headline, list(filter(None, [
+        *first, *named, f'And {smaller} more, smaller.' * bool(smaller),
+        f'{way(document)} {raw_error_sentence(document)}'.strip(), *rest]))
 
 
 def _statements(document, effects, caution):
     """Headline, what comes before the effects, and what after them."""
     verdict = document['verdict']
-    last = [led(axes_sentence(document)) if document['verdict'] != 'none' else '',
-            led(scatter_sentence(document)), led(figures_sentence(document)),
-            outlier_sentence(document)]
-    odd = [led(implausible_term(row)) for row in document.get('unphysical') or ()]
+    last = [axes_sentence(document) if verdict != 'none' else '', scatter_sentence(document),
+            figures_sentence(document), outlier_sentence(document)]
+    odd = [implausible_term(row) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
         return HEADLINES[verdict].removesuffix('.'), [caution], last
     if verdict == 'none':
@@ -227,18 +192,6 @@ def _statements(document, effects, caution):
             [*first, count_sentence(document), repeat_sentence(document)], rest)
 
 
-def verdict_sentences(document, effects=(), limit=5, caution=''):
-    """`verdict_summary` as a headline (str) and sentences (list of str)."""
-    verdict = verdict_summary(document, effects, limit, caution)
-    return verdict.headline, verdict.sentences
-
-
-def led(text):
-    """A text, its first sentence what it is about."""
-    lead, stop, more = text.partition('. ')
-    return Statement(lead + '.' * bool(stop), more)
-
-
 def _nothing(document, caution, odd, last):
     """Where nothing is missing: that is said as plainly as what is."""
     floor, left = document.get('noise_floor_arcsec'), document['before'].get('rms_arcsec')
@@ -247,9 +200,8 @@ def _nothing(document, caution, odd, last):
     if not caution and (left or 0.0) > _ABSURD:
         caution = (f'Residuals of {arcsec(left)} are too large for a mount: check columns, units, '
                    'signs and the zero of azimuth.')
-    unequal = led(axes_sentence(document))
-    if unequal != Statement(''):
-        looks = unequal  # that is no noise
+    unequal = axes_sentence(document)
+    looks = unequal or looks  # that is no noise
     headline = f'No significant error{beyond(document)}'
     label, before, _ = best_pair(document)
     if before is not None and not caution:
@@ -275,14 +227,13 @@ def _by_size(document, effects):
 def _ranked(document, effects):
     out = []
     for i, (row, summary) in enumerate(_by_size(document, effects)):
-        parts = [summary.more, first_check(document, row)]
+        parts = [summary.text, first_check(document, row)]
         if i == 0 and row.get('causes'):
             parts.append(next_sentence(document, row))
         if row.get('alternatives') and 'causes' not in row:
             parts.append('With these observations it could as well be: '
                          f'{_listed(row["alternatives"])}.')
-        out.append(Statement(summary.lead, ' '.join(filter(None, parts)),
-                             row.get('removes_rms_arcsec')))
+        out.append(' '.join(filter(None, parts)))
     return out
 
 
@@ -373,7 +324,7 @@ def _correlation(document):
     if not entry:
         return []
     text = entry.get('text') or correlation_sentence(entry, kind_of(document).axes)
-    return [led(f'{text[:1].upper()}{text[1:]}.')]
+    return [f'{text[:1].upper()}{text[1:]}.']
 
 
 def _listed(names):

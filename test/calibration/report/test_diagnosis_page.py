@@ -151,7 +151,8 @@ def test_everything_is_in_it_in_order(page, diagnosis):
         'Largest errors', 'Evidence', 'RMS', 'Effects', 'Residuals by driver', 'Target',
         'Histograms', 'Candidate effects', 'Terms', 'Stars', 'Notes on the data', 'Excluded rows',
         'Not testable']
-    assert f'peak to peak, {arcsec(found.size_arcsec)} RMS on the sky.' in found.lead
+    removed = arcsec(diagnosis.effects[0].removes_arcsec)
+    assert f'peak to peak, {removed} RMS on the sky.' in found.lead
     assert f'<span>{after} after</span>' in page and f'<span>{before} before</span>' in page
     assert '<h1>Pointing diagnosis: ' in page
     assert f'{way_start(diagnosis)}″</b><span>raw' in page

@@ -24,7 +24,7 @@ from calibration.analysis.diagnosis.implausible_terms import refraction_in_place
 from calibration.analysis.run_fit import implausible_values
 from calibration.report.fit_wording import implausible_term
 from calibration.report.raw_error_wording import raw_error_sentence
-from calibration.report.verdict_wording import Statement, verdict_sentences, verdict_summary
+from calibration.report.verdict_wording import Statement, verdict_sentences
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS
@@ -47,7 +47,7 @@ def test_what_the_errors_as_read_consist_of(kind, values, said):
     said += ' Values from the fit of the 7 terms alone.'
     assert raw_error_sentence(told) == said
     assert raw_error_sentence({**told, 'as_read_rms_arcsec': 9.0}) == ''
-    sentences = verdict_summary(told, [Statement('A.')]).sentences
+    _, sentences = verdict_sentences(told, [Statement('A.')])
     assert sentences[2].endswith(f'; cross-validated. {said}')
     if kind == 'german':  # the other pole
         assert 'too high (ME) and 3″ east' in raw_error_sentence({**told, 'south': True})
@@ -110,7 +110,7 @@ def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
         'of the file is J2000 (undetermined). If it is of date, it points 1.8′ too '
         'high (ME) and 84″ east of the pole (MA). Say which with --equinox before the axis is '
         'moved.') in said
-    assert said in ' '.join(verdict_summary(told, [Statement('A.')]).sentences)
+    assert said in ' '.join(verdict_sentences(told, [Statement('A.')])[1])
     for settled in (None, {**found, 'told': True}):
         assert 'catalogue' not in raw_error_sentence({**told, 'equinox': settled})
     few = raw_error_sentence({**told, 'equinox': {**found, 'polar_axis_arcsec': {}}})
@@ -151,7 +151,7 @@ def test_what_refraction_has_to_do_with_it(gain, said):
     assert 'With others that fit as well it is not (+24.3 ± 5.5″ with disc oval)' in text_of_both
     # among the first things, also where nothing is missing
     told = document([], unphysical=[row])
-    assert verdict_summary(told, [Statement('A.')]).first[0].more in text
+    assert verdict_sentences(told, [Statement('A.')])[1][0] == text
     told.update(verdict='none', effects=[])
     headline, sentences = verdict_sentences(told)
     assert headline.endswith('But check TF, which is negative') and sentences[0] == text

@@ -34,7 +34,7 @@ from calibration.report.observation_wording import (
     serves_sentence,
 )
 from calibration.report.row_wording import signs_sentences
-from calibration.report.verdict_wording import Statement, verdict_sentences, verdict_summary
+from calibration.report.verdict_wording import Statement, verdict_sentences
 from pointing_model.effects import effect
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
@@ -201,8 +201,11 @@ def test_effects_are_ranked_with_their_size():
     told = document(CAUSES)
     told['effects'] = [{'name': 'a', 'removes_rms_arcsec': 1.0, 'cv_gain_arcsec': 0.4,
                         'axes': 'el'}, {'name': 'b', 'removes_rms_arcsec': 3.0}]
-    verdict = verdict_summary(told, [Statement('A.'), Statement('B.')])
-    assert [(one.lead, one.size_arcsec) for one in verdict.ranked] == [('B.', 3.0), ('A.', 1.0)]
+    effects = [Statement('A.'), Statement('B.')]
+    _, sentences = verdict_sentences(told, effects)
+    assert [text for text in sentences if text[0] in '12'] == ['1. B.', '2. A.']
+    _, sentences = verdict_sentences(told, effects, limit=1)
+    assert sentences[1:3] == ['B.', 'And 1 more, smaller.']
 
 
 def test_proposals_that_do_not_serve_the_largest_effect_say_so():
