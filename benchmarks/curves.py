@@ -49,7 +49,7 @@ def of_fit(size):
 
 def of_diagnosis(most_rows, size):
     """Search for what a model lacks, without cross-validation: of all rows, or of a part."""
-    from calibration.analysis.diagnosis import diagnose
+    from calibration.analysis.diagnosis.diagnosis import diagnose
     return partial(diagnose, make_run(size, 2), cross_validation=False, flips=99,
                    most_rows=most_rows)
 

@@ -54,7 +54,8 @@ from diagnosis_nights import (
     sky,
 )
 
-from calibration.analysis.diagnosis import Base, diagnose
+from calibration.analysis.diagnosis.base_terms import Base
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.exact_models import exact_fit, exact_model
 from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.run_problem import RunProblem

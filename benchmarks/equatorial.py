@@ -42,8 +42,8 @@ from equatorial_runs import (
 )
 from scipy.spatial.transform import Rotation
 
-from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.base_terms import Base
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.prediction import predictive_model
 from calibration.analysis.diagnosis.run_problem import RunProblem

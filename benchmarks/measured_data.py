@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.report.wording import paragraph
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.run import PointingRun

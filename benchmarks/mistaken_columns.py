@@ -35,7 +35,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
+from calibration.analysis.diagnosis.input_check import MistakenColumns, check_columns
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder

@@ -37,7 +37,7 @@ from equatorial_runs import LATITUDE, make_run, scaled, sky
 from mount_cause_nights import CAUSES as OF_PLACES
 from mount_history_nights import HISTORIES
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from pointing_model.mounts import Mount
 
 SIZES = ((60, 9.0), (120, 7.0))

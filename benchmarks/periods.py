@@ -32,7 +32,7 @@ import time
 import numpy as np
 from equatorial_runs import LATITUDE, make_run, sky
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from pointing_model.mounts import Mount
 
 #: rows and amplitude, in units of the noise of a row in an axis

@@ -35,7 +35,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.sessions import arrange
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry

@@ -30,7 +30,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.term_fit import fit_terms
 from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount_geometry import MountGeometry

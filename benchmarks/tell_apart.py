@@ -30,7 +30,7 @@ import argparse
 import numpy as np
 from diagnosis_nights import _aberration, _terms_of, make_run, on_az, on_el, scaled
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.discrimination import (
     CANNOT,
     MOST_STARS,

@@ -30,7 +30,7 @@ import numpy as np
 from diagnosis import Table, _explained, _shown
 from diagnosis_nights import EFFECTS, OF_TIME, alike, make_run, scaled, sky
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
 

@@ -27,7 +27,8 @@ from pointing_model.rms import rms_arcsec
 from pointing_model.zero import NO_ZERO
 from pointing_model.zero_drift import KEY as FOLLOWS
 
-from .analysis.diagnosis import Diagnosis, diagnose
+from .analysis.diagnosis.diagnosis import diagnose
+from .analysis.diagnosis.diagnosis_result import Diagnosis
 from .estimation.comparison import FEWEST
 from .publication import (
     NOT_COMPARED,

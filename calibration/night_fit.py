@@ -83,7 +83,7 @@ def recipe_of(zeros, rows):
 
 def fit_terms_of(zeros, rows):
     """Terms, and the zero of each power-on that belongs to them, a FitResult."""
-    from .analysis.diagnosis import check_columns
+    from .analysis.diagnosis.input_check import check_columns
     check_columns(rows.select(~is_for_zero(rows)))
     return recipe_of(zeros, rows).terms(rows)
 

@@ -38,8 +38,8 @@ from types import SimpleNamespace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from calibration.analysis.diagnosis import check_columns
-from calibration.analysis.diagnosis import diagnose as _diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose as _diagnose
+from calibration.analysis.diagnosis.input_check import check_columns
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
 from calibration.report.documents import fit_document, run_diagnosis_document
@@ -204,7 +204,7 @@ class RunDiagnosis(_Found):
 
     Attributes
     ----------
-    result : calibration.analysis.diagnosis.Diagnosis
+    result : calibration.analysis.diagnosis.diagnosis_result.Diagnosis
         In radians.
     """
 
@@ -369,11 +369,11 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
     seed : int
         Of the resampling.
     progress, first_answer : callable, optional
-        As of `calibration.analysis.diagnosis.diagnose`: what is being done; the effects before the
-        cross-validation, as text.
+        As of `calibration.analysis.diagnosis.diagnosis.diagnose`: what is being done; the effects
+        before the cross-validation, as text.
     jobs : int
-        See `calibration.analysis.diagnosis.diagnose`: with so many processes at a time, of which
-        this one is forked, the same result comes sooner.
+        See `calibration.analysis.diagnosis.diagnosis.diagnose`: with so many processes at a
+        time, of which this one is forked, the same result comes sooner.
 
     Returns
     -------

@@ -19,7 +19,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from calibration.analysis.diagnosis import check_columns
+from calibration.analysis.diagnosis.input_check import check_columns
 from calibration.analysis.solve_check import check_solves
 from calibration.report.wording import wording
 from msg_tools import topics

@@ -183,7 +183,7 @@ def view_of(diagnosis, document=None):
 
     Parameters
     ----------
-    diagnosis : calibration.analysis.diagnosis.Diagnosis
+    diagnosis : calibration.analysis.diagnosis.diagnosis_result.Diagnosis
     document : dict, optional
         Of `documents.diagnosis_document`, by default its own.
 

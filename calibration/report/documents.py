@@ -146,7 +146,7 @@ def diagnosis_document(found):
 
     Parameters
     ----------
-    found : calibration.analysis.diagnosis.Diagnosis
+    found : calibration.analysis.diagnosis.diagnosis_result.Diagnosis
     """
     out, kind = found.to_dict(), found.observations.run.mount.names
     if out['wander']:

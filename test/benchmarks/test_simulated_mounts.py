@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from simulated_mounts import PLAIN, UNDECLARED, deviations, named, night, on_its_worm
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
 from pointing_model.mounts import is_beyond
 

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.term_fit import fit_terms
 from calibration.report.figure_wording import model_words
 from encoder_reading.frame_reader_node import PARAMS, axes_of

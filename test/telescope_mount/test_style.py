@@ -28,7 +28,7 @@ from places import ROOT
 from rich.console import Console
 from simulated import FAST, backlash, night
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_terminal import diagnosis_tables, summary_lines

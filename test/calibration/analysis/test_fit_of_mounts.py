@@ -19,7 +19,8 @@ import numpy as np
 import pytest
 from places import DATA
 
-from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
+from calibration.analysis.diagnosis.input_check import MistakenColumns, check_columns
 from calibration.analysis.diagnosis.prediction import predictive_model
 from calibration.analysis.external_check import external_check
 from calibration.analysis.term_fit import fit_terms

@@ -20,7 +20,8 @@ import pytest
 from determined import simulated
 from places import CASES
 
-from calibration.analysis import diagnosis
+from calibration.analysis.diagnosis.diagnosis import diagnose
+from calibration.analysis.diagnosis.input_check import check_columns
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.term_fit import fit_terms
 from calibration.report.documents import fit_document
@@ -130,7 +131,7 @@ def test_a_side_of_the_pier_that_no_row_is_on_has_a_prediction_of_unknown_error(
 
 
 def test_diagnosis_claims_nothing_of_undetermined_terms():
-    result = diagnosis.diagnose(run_at(np.full(40, 50.0)), flips=99, cross_validation=False)
+    result = diagnose(run_at(np.full(40, 50.0)), flips=99, cross_validation=False)
     assert result.model.undetermined == ('IA', 'IE', 'CA', 'NPAE', 'TF')
     assert not result.unphysical and not result.effects
     assert any(note.kind == 'undetermined terms' for note in result.notes)
@@ -169,5 +170,5 @@ def test_the_cases_of_one_elevation_and_near_one_circle():
     assert fit.undetermined == ('IA', 'IE', 'CA', 'NPAE', 'TF')
     assert all(abs(z) < 3.0 for z in off(fit).values())
     run = read_run(CASES / 'one_circle.csv')
-    diagnosis.check_columns(run)
+    check_columns(run)
     assert fit_terms(run).rms_arcsec().x == pytest.approx(1.0, abs=0.3)

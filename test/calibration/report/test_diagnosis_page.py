@@ -23,7 +23,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_sections import exclusions, ranking
 from calibration.report.diagnosis_summary import DiagnosisSummary

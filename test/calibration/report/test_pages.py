@@ -30,7 +30,7 @@ from chromium import Browser, program
 from page_audit import audit
 from places import LOG, ROOT
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of

@@ -22,7 +22,7 @@ import pytest
 from chromium import Browser, program
 from noisy_run import make_run
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from documents import CAUSES, document
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.implausible_terms import refraction_in_place, suspicious
 from calibration.analysis.run_fit import implausible_values
 from calibration.report.fit_wording import implausible_term

@@ -21,8 +21,8 @@ import pytest
 from noisy_run import make_run
 from simulated import night
 
-from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.alternatives import cause_counts
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.implausible_terms import sound_with
 from msg_tools.units import ARCSEC
 

@@ -21,8 +21,9 @@ import numpy as np
 import pytest
 from simulated import FAST, SITE, TRUTH, backlash, names, night, oval_disc
 
-from calibration.analysis.diagnosis import diagnose, validation
+from calibration.analysis.diagnosis import validation
 from calibration.analysis.diagnosis.base_terms import Base
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.analysis.diagnosis.validation import _surely, _worse

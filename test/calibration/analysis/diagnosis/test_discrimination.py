@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from simulated import FAST, SITE, TRUTH, night
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.discriminating_star import SEPARATE, Points
 from calibration.analysis.diagnosis.discrimination import Discrimination
 from calibration.analysis.diagnosis.observations import observations

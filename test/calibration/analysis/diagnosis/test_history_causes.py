@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from simulated import FAST
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.report.diagnosis_view import view_of
 from calibration.report.wording import wording
 from encoder_sim.drives import ShaftCouplings

@@ -20,7 +20,8 @@ import numpy as np
 import pytest
 from places import ROOT
 
-from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
+from calibration.analysis.diagnosis.input_check import MistakenColumns, check_columns
 from calibration.report.row_wording import signs_sentences
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from simulated import FAST
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.report.diagnosis_view import view_of
 from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount_geometry import Bump, MountErrors, MountGeometry, azimuth_elevation

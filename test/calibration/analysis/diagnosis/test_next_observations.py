@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from simulated import FAST
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.next_observations import _grid, _members
 from calibration.analysis.diagnosis.observation_places import BEYOND, on_turn, places_under
 from msg_tools.units import ARCSEC, DEG

@@ -17,7 +17,7 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.page_figures import beyond_base
 from calibration.report.effect_wording import ends
 from calibration.report.residual_figures import histogram

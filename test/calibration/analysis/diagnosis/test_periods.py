@@ -17,7 +17,7 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.report.diagnosis_view import view_of
 from calibration.report.documents import run_diagnosis_document
 from msg_tools.units import ARCSEC, DEG

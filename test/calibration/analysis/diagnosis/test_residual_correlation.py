@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from simulated import FAST, make_context, make_problem, names, night, oval_disc
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.observations import sequence_of, star_groups
 from calibration.analysis.diagnosis.residual_correlation import (
     PairDifferences,

@@ -19,7 +19,7 @@ import pytest
 from noisy_run import make_run
 from simulated import night
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.residual_patterns import (
     ResidualRows,
     jump_findings,

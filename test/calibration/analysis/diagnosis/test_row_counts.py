@@ -19,7 +19,7 @@ import json
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.row_counts import (
     diagnosis_row_counts,
     fit_row_counts,

@@ -17,8 +17,8 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.base_terms import Base
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.sessions import arrange, split_run, split_runs
 from calibration.analysis.harmonic_fit import HarmonicChoice
 from calibration.analysis.run_fit import fit_run

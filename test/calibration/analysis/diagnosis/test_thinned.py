@@ -19,7 +19,7 @@ import json
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.observations import observations
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of

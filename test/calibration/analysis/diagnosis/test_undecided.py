@@ -17,7 +17,7 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.validation import mark_undecided
 from calibration.estimation.folds import effective_runs
 from calibration.report.diagnosis_page import render
