@@ -41,7 +41,6 @@ from .step_scan import two_sided
 
 #: chance that a series which follows nothing is given a cause
 ALPHA = 0.02
-VIEWS = ('levels', 'steady drift taken out', 'differences')
 #: covariates that are tried at once: two, of a dozen epochs
 MOST = 2
 #: equal up to rounding counts as reached

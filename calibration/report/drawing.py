@@ -22,8 +22,6 @@ from .page_parts import Markup
 
 #: points drawn at most in one panel; the figures beside them are of all rows
 MAX_POINTS = 3000
-#: of a map, where every row is to be found again
-MAX_ARROWS = 400
 #: marks that are no dots, by class
 _MARKS = {'third': 'm-2.8 2.4h5.6l-2.8 -5z', 'fit': 'm-2.6 -2.6l5.2 5.2m0 -5.2l-5.2 5.2'}
 #: of a map of the sky, for arrows that reach out of it

@@ -27,7 +27,6 @@ from .number_wording import value_and_error
 #: errors in sight; a term below so many standard errors is none
 MOST_ERRORS, _CLEAR = 3, 3.0
 #: causes that are named
-_MOST_CAUSES = 2
 
 
 @dataclass
@@ -60,12 +59,7 @@ class ErrorLine:
         return ', '.join(f'{arcsec(value)} {word}' for value, word in (
             (self.reach_arcsec, 'peak to peak'), (self.removes_arcsec, 'RMS')) if value)
 
-    @property
-    def causes_text(self):
-        """The first causes; the others counted."""
-        return self.named_causes()
-
-    def named_causes(self, most=_MOST_CAUSES):
+    def named_causes(self, most):
         """So many causes; the others counted."""
         named, more = self.causes[:most], len(self.causes) - most
         return '; '.join(named) + (f'; or {more} more' if more > 0 else '')

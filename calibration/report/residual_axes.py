@@ -56,8 +56,6 @@ class Driver:
         value -> text where there are only a few values.
     plain : bool
         False: made for one effect only.
-    title : str
-        The label without its unit.
     """
 
     name: str
@@ -65,10 +63,6 @@ class Driver:
     values: np.ndarray
     levels: dict | None = None
     plain: bool = True
-
-    def __post_init__(self):
-        text = self.label.split(' [')[0]
-        self.title = text[:1].upper() + text[1:]
 
 
 def _labels(names):

@@ -30,7 +30,6 @@ from .terminal_tables import new_table
 #: arcs whose curves are on the page
 _MOST = 24
 _BOX, _SIZE = (52, 26, 378, 130), (446, 204)
-_AXES = (('x', 0), ('y', 1))
 
 
 def tracks_table(document):
@@ -151,7 +150,7 @@ def _curves(fit, document, mount):
         begin = datetime.fromtimestamp(time[rows[0]], timezone.utc)
         title = f'{name}, {begin:%Y-%m-%d %H:%M}'
         raw = [_panel(minutes, [(fit.before[i, rows], 'before'), (without[i, rows], 'fit')],
-                      f'{title}: {mount.axes[i]}') for _, i in _AXES]
+                      f'{title}: {axis}') for i, axis in enumerate(mount.axes)]
         left = [_panel(minutes, [(along[i, rows], 'after')], f'{title}: {word}')
                 for i, word in enumerate(('along the track', 'across'))]
         out += [page.FigurePair(raw), page.FigurePair(left)]

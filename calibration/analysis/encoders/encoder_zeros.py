@@ -307,9 +307,8 @@ class ZeroShift:
     absolute. `pull` is the absolute encoder's change over its expected sigma, which holds the noise
     and what is usual for the encoder: how far the zeros by Polaris and by the absolute encoder
     disagree. `moved` are posterior probabilities, where something other than the incremental
-    encoder moved; `tilt`, that the mount leans, as all of its stars show. `cause` is the likeliest
-    of `causes`, which are before it is asked whether there was an alarm. `by`: the sky is Polaris,
-    or stars.
+    encoder moved. `cause` is the likeliest of `causes`, which are before it is asked whether there
+    was an alarm. `by`: the sky is Polaris, or stars.
     """
 
     axis: str
@@ -325,7 +324,6 @@ class ZeroShift:
     probability: float
     alarm: bool
     moved: dict
-    tilt: float
     cause: str
     causes: dict
     by: str = BY_POLARIS
@@ -363,7 +361,7 @@ def zero_shift(night, axis, before, now, model, budget, tests, sky):
     causes = cause_probabilities(difference, difference_variance, absolute, noise, budget.anomaly,
                                  budget.absolute)
     cause, _ = likeliest(causes, (ABSOLUTE, BOTH, ALIKE) if alarm else (NOTHING, INCREMENTAL))
-    moved, tilt = {}, 0.0
+    moved = {}
     if alarm:
         usual = budget.power_on**2
         # had only the absolute encoder moved, incremental - sky is a usual drift; had the mount,
@@ -377,7 +375,7 @@ def zero_shift(night, axis, before, now, model, budget, tests, sky):
         AXES[axis], before.run, now.run, float(incremental), float(np.sqrt(covariance[0, 0])),
         float(absolute), float(np.sqrt(noise)), float(difference),
         float(np.sqrt(difference_variance)), float(absolute / expected), min(p, 1.0), bool(alarm),
-        moved, tilt, cause, causes, BY_POLARIS if now.stars is None else BY_STARS)
+        moved, cause, causes, BY_POLARIS if now.stars is None else BY_STARS)
 
 
 def _between_places(before, now, model, term_sigma, mount):
