@@ -360,7 +360,7 @@ def zero_shift(night, axis, before, now, model, budget, tests, sky):
     alarm = p < budget.false_alarm
     causes = cause_probabilities(difference, difference_variance, absolute, noise, budget.anomaly,
                                  budget.absolute)
-    cause, _ = likeliest(causes, (ABSOLUTE, BOTH, ALIKE) if alarm else (NOTHING, INCREMENTAL))
+    cause = max((ABSOLUTE, BOTH, ALIKE) if alarm else (NOTHING, INCREMENTAL), key=causes.get)
     moved = {}
     if alarm:
         usual = budget.power_on**2
@@ -454,10 +454,3 @@ def cause_probabilities(difference, difference_variance, absolute, absolute_vari
         logs[name] = float(-0.5 * (value @ np.linalg.solve(covariance, value)
                                    + np.linalg.slogdet(2.0 * np.pi * covariance)[1]))
     return probabilities(logs)
-
-
-def likeliest(found, among):
-    """The likeliest cause `among` some, and how likely it is of these alone."""
-    name = max(among, key=found.get)
-    total = sum(found[one] for one in among)
-    return name, found[name] / total if total > 0.0 else 1.0 / len(among)
