@@ -42,9 +42,7 @@ def normal_points(fit, seconds=SECONDS):
     """
     tracks = fit.tracks
     run, time = tracks.run, np.asarray(tracks.run['time'], float)
-    rest = fit.values.copy()
-    rest[:fit.columns.terms] = 0.0
-    orbit = (rest @ fit.columns.columns).reshape(2, -1)
+    orbit = fit.columns.orbits(fit.values)
     used = fit.weights > 0.0
     seconds = max(seconds, float(np.count_nonzero(~tracks.is_star) and _length(tracks) / _MOST))
     cell = np.where(tracks.is_star, np.arange(len(time)), np.floor(time / seconds))

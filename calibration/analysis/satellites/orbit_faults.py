@@ -30,6 +30,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from ...estimation.prior_fit import PriorFit, gram_of
+from ...estimation.step_scan import probabilities
 from ..finding import Finding
 from .track_fit import fit_tracks
 
@@ -64,10 +65,7 @@ def fault_chances(tracks, **options):
     # the noise is that of tracks of which each may be wrong: a fault is none of it
     full = fit_tracks(tracks, drifts=names, **options)
     columns, noise = full.columns, full.noises[0][0]
-    n = len(tracks)
-    values = full.values.copy()
-    values[:columns.terms] = 0.0
-    left = (full.after + (values @ columns.columns).reshape(2, n)).ravel()
+    left = (full.after + columns.orbits(full.values)).ravel()
     gram = gram_of(noise.whiten(columns.columns), noise.whiten(left))
     plain = np.ones(len(columns.names), bool)
     for part, _ in columns.drifts.values():
@@ -85,10 +83,7 @@ def fault_chances(tracks, **options):
                            log_det + 2.0 * m * np.log(size)) for size in _SIZES]
         logs[name] = float(np.logaddexp.reduce(tried)) + np.log(
             0.5 / len(names) / len(_SIZES))
-    most = max(logs.values())
-    chance = {name: float(np.exp(value - most)) for name, value in logs.items()}
-    total = sum(chance.values())
-    return {name: value / total for name, value in chance.items()}
+    return probabilities(logs)
 
 
 def _evidence(gram, count, prior, mean, kept, drift, log_prior):
@@ -127,11 +122,8 @@ def stray_passes(tracks, least=0.0, **options):
         rows = tracks.arc == arc
         if np.mean(fit.weights[rows] == 0.0) > _MOST_LOST and alone - len(out) > 1:
             out.append(_pass_finding(tracks, arc, np.nan))
-    columns, n = fit.columns, len(tracks)
-    root = fit.noises[0][0].root
-    values = fit.values.copy()
-    values[:columns.terms] = 0.0
-    left = (fit.after + (values @ columns.columns).reshape(2, n)).ravel()
+    columns, root = fit.columns, fit.noises[0][0].root
+    left = (fit.after + columns.orbits(fit.values)).ravel()
     prior, mean = fit.precision, fit.prior_mean - fit.values
     mean[columns.terms:] = 0.0
     white = columns.columns * root, left * root

@@ -63,6 +63,12 @@ class TrackColumns:
             out[part, part] = np.linalg.inv(covariance) / size**2
         return out
 
+    def orbits(self, values):
+        """What clock and orbits move the rows by with such coefficients, shape (2, n)."""
+        values = values.copy()
+        values[:self.terms] = 0.0
+        return (values @ self.columns).reshape(2, -1)
+
     def place(self, name):
         """Number of a coefficient."""
         return self.names.index(name)

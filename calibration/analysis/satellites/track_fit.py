@@ -62,8 +62,6 @@ class TrackFit:
     weights : ndarray, shape (n,)
     before, after : ndarray, shape (2, n)
         Encoder - orbit on the sky, raw, and without all that was fitted, radians.
-    by_model : ndarray, shape (2, n)
-        Without the terms alone.
     left_out : tuple of str
         Satellites whose orbit was found wrong.
     suspects : dict of str to float
@@ -83,7 +81,6 @@ class TrackFit:
     weights: np.ndarray
     before: np.ndarray
     after: np.ndarray
-    by_model: np.ndarray
     left_out: tuple = ()
     suspects: dict = field(default_factory=dict)
     notes: list = field(default_factory=list)
@@ -206,16 +203,14 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
     if 2 * len(tracks) <= open_ones:
         raise ValueError(f'{len(tracks)} rows are too few for {open_ones} coefficients; observe '
                          'more, or give a model (--model)')
-    values, n = mean.copy(), len(tracks)
+    values = mean.copy()
     raw = np.array(run.offsets())
     time, cos_el = np.asarray(run['time'], float), np.cos(run['el'])
     remembers = [memory and name != STARS for name in tracks.objects]
     rows = np.flatnonzero(np.array(remembers)[tracks.object])
     for step in range(_STEPS):
         model = _model(columns, values, None, held, mount)
-        rest = values.copy()
-        rest[:columns.terms] = 0.0
-        left = (np.array(model.residuals(run)) - (rest @ columns.columns).reshape(2, n)).ravel()
+        left = (np.array(model.residuals(run)) - columns.orbits(values)).ravel()
         if step < 2:  # the noise, once more where the mount is about right
             root, weights = group_roots(columns.columns, left, tracks.object, time, tracks.arc,
                                         cos_el, remembers)
@@ -227,12 +222,9 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
         values = values + fit.coefficients
     k = columns.terms
     model = _model(columns, values, fit.covariance[:k, :k], held, mount)
-    by_model = np.array(model.residuals(run))
-    rest = values.copy()
-    rest[:k] = 0.0
-    after = by_model - (rest @ columns.columns).reshape(2, n)
+    after = np.array(model.residuals(run)) - columns.orbits(values)
     return TrackFit(tracks, columns, model, values, fit, noises, precision, mean, weights, raw,
-                    after, by_model)
+                    after)
 
 
 def _known(columns, held, free):
