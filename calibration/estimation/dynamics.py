@@ -75,31 +75,18 @@ class Jump(NamedTuple):
         return Transition(None, np.asarray(self.covariance) * float(begin < self.epoch <= end))
 
 
-class Together:
-    """Several dynamics of one state, each of all of its coefficients or of some.
+class Together(NamedTuple):
+    """Several dynamics of the same coefficients, which do all that these say."""
 
-    Parameters
-    ----------
-    size : int
-        Coefficients.
-    parts : sequence of (slice, dynamics)
-        Coefficients that several parts have do all that these say.
-    """
-
-    def __init__(self, size, parts):
-        self._size, self._parts = size, list(parts)
+    parts: list
 
     def over(self, begin, end):
         """`Transition` from one time to a later one."""
-        matrix, added = None, np.zeros((self._size, self._size))
-        for where, dynamics in self._parts:
+        matrix, added = None, 0.0
+        for dynamics in self.parts:
             step = dynamics.over(begin, end)
-            wider = np.zeros((*np.shape(step.added)[:-2], self._size, self._size))
-            wider[..., where, where] = step.added
-            added = added + wider
+            added = added + step.added
             if step.matrix is not None:
-                own = np.eye(self._size)
-                own[where, where] = step.matrix
-                matrix = own if matrix is None else own @ matrix
+                matrix = step.matrix if matrix is None else step.matrix @ matrix
                 # what other parts add is added at the end of the stretch
         return Transition(matrix, added)

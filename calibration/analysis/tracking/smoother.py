@@ -164,10 +164,7 @@ def _path(tracker, live, rows, jumps):
     home = tracker.filter.home
     mean, first = tracker.filter.estimate()
     sensors = np.arange(n) >= len(live.plain.terms)
-    every = slice(0, n)
-    dynamics = Together(n, [
-        (every, live.filter.dynamics(live.filter.rates[kept])),
-        *((every, jump) for jump in jumps)])
+    dynamics = Together([live.filter.dynamics(live.filter.rates[kept]), *jumps])
     passed = forward(Rows(
         [row.hours for row in rows], [row.columns for row in rows],
         [row.value - row.columns @ home for row in rows],

@@ -65,20 +65,26 @@ def whole(of, dynamics, first):
 
 
 class Trend:
-    """A level that goes on by a slope that wanders: a dynamics that the product does not have."""
+    """A level that goes on by a slope that wanders, beside what stays: a dynamics that the product
+    does not have.
+    """
 
     def over(self, begin, end):
         span = end - begin
-        return Transition(np.array([[1.0, span], [0.0, 1.0]]),
-                          np.array([[span**3 / 3.0, span**2 / 2.0], [span**2 / 2.0, span]]))
+        matrix, added = np.eye(3), np.zeros((3, 3))
+        matrix[0, 1] = span
+        added[:2, :2] = [[span**3 / 3.0, span**2 / 2.0], [span**2 / 2.0, span]]
+        return Transition(matrix, added)
+
+
+LAST = np.diag([0.0, 0.0, 1.0])
 
 
 DYNAMICS = {
     'constant': Constant(), 'walk': RandomWalk(np.diag([0.5, 0.0, 2.0])),
     'memory': ExponentialMemory(np.diag([0.5, 0.2, 2.0]), np.array([1.0, np.inf, 0.3])),
     'jump': Jump(1.6, np.diag([3.0, 0.0, 1.0])),
-    'each its own': Together(3, [(slice(0, 2), Trend()), (slice(2, 3), RandomWalk(np.eye(1))),
-                                 (slice(2, 3), Jump(1.6, np.eye(1)))])}
+    'each its own': Together([Trend(), RandomWalk(LAST), Jump(1.6, LAST)])}
 
 
 @pytest.mark.parametrize('name', DYNAMICS)
