@@ -40,12 +40,6 @@ def contiguous_folds(order, count):
     return [np.sort(f) for f in np.array_split(np.argsort(order, kind='stable'), count)]
 
 
-def run_folds(label, count, rng):
-    """Row numbers of `count` folds of whole runs."""
-    runs = rng.permutation(np.unique(label))
-    return [np.flatnonzero(np.isin(label, part)) for part in np.array_split(runs, count)]
-
-
 def effective_runs(label):
     """How many equal runs these runs are worth: n^2 / sum of n_i^2.
 
@@ -192,10 +186,7 @@ def partitions_of(problem, count, rng):
     if problem.n > LONG:
         count = min(count, FEW_FOLDS)
     if effective_runs(sequence.run) >= RUNS:
-        return [run_folds(sequence.run, min(count, len(np.unique(sequence.run))), rng)]
-    return [random_folds(sequence.group, count, rng), _stretches(problem, count)]
-
-
-def _stretches(problem, count):
-    """Folds of neighbours in time (or in the order of the rows), who may share their error."""
-    return contiguous_folds(np.argsort(problem.sequence.order), count)
+        return [random_folds(sequence.run, count, rng)]
+    # neighbours in time (or in the order of the rows) may share their error
+    return [random_folds(sequence.group, count, rng),
+            contiguous_folds(np.argsort(sequence.order), count)]

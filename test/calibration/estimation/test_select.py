@@ -32,7 +32,6 @@ from calibration.estimation.folds import (
     cross_validate_quickly,
     predicted,
     random_folds,
-    run_folds,
 )
 from calibration.estimation.group_columns import Basis, GroupColumns, orthonormal
 from calibration.estimation.linear_model import overlap, weighted_fit
@@ -227,9 +226,9 @@ def test_folds_cover_every_row_once():
     rng = np.random.default_rng(0)
     label = np.repeat(np.arange(6), 5)
     for folds in (random_folds(np.arange(30), 7, rng), contiguous_folds(-np.arange(30.0), 7),
-                  run_folds(label, 3, rng)):
+                  random_folds(label, 3, rng)):
         assert np.array_equal(np.sort(np.concatenate(folds)), np.arange(30))
-    assert all(len(np.unique(label[f])) == 2 for f in run_folds(label, 3, rng))
+    assert all(len(np.unique(label[f])) == 2 for f in random_folds(label, 3, rng))
     assert contiguous_folds(-np.arange(30.0), 7)[0].min() == 25
     # rows of one group stay together
     for fold in random_folds(label, 3, rng):
