@@ -175,12 +175,7 @@ def frozen_rows(miss_x, miss_y):
         before.
     """
     x, y = (np.asarray(v, float) for v in (miss_x, miss_y))
-    out = np.zeros(len(x), bool)
     with np.errstate(invalid='ignore'):
         same = (np.abs(np.diff(x)) <= SAME_WITHIN) & (np.abs(np.diff(y)) <= SAME_WITHIN)
-    begin = 0
-    for end in [*(np.flatnonzero(~same) + 1), len(x)]:
-        if end - begin >= SAME_ROWS:
-            out[begin:end] = True
-        begin = end
-    return out
+    stretch = np.append(0, np.cumsum(~same))[:len(x)]
+    return np.bincount(stretch)[stretch] >= SAME_ROWS
