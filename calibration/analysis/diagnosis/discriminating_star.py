@@ -164,23 +164,19 @@ class Pair:
     points : Points
     behind : float
         Of the rival, in 2 ln(likelihood ratio).
+
+    Attributes
+    ----------
+    hours : float
+        Until the last of its points can be observed.
     """
 
     def __init__(self, problem, obs, base, fit, pair, others, points, behind):
         self._views = views_of(problem, obs, base, fit, [[e] for e in pair], others,
                                points.context)
-        self.behind, self._hours = behind, float(points.later.max())
+        self.behind, self.hours = behind, float(points.later.max())
         right = 1.0 / (1.0 + np.exp(-0.5 * behind))
         self._right = right, 1.0 - right
-
-    def is_soon(self, hours):
-        """Whether its points can be observed in the same night, so many hours later."""
-        return self._hours <= hours
-
-    @property
-    def hours(self):
-        """Until the last of its points can be observed."""
-        return self._hours
 
     def differ(self):
         """By how much the two differ at each point, squared, in units of its noise, shape (m,).
@@ -235,7 +231,7 @@ def needed(make, stars):
             if 'hours' in options:
                 size = pair.hours
             return Finding(kind, size, unit='', evidence={
-                'tonight': 'hours' not in options or pair.is_soon(options['hours'])})
+                'tonight': pair.hours <= options.get('hours', np.inf)})
     pair = make()
     for more in (2, 4):
         if pair.chance(more * stars) >= ENOUGH:
