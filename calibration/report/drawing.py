@@ -313,8 +313,8 @@ class SkyMap:
         Of the square drawing.
     lowest : float
         Elevation at the rim, degrees.
-    grid : SkyGrid, optional
-        Axes of a mount, drawn in dashes.
+    grid : tuple, optional
+        Axes of a mount, as of `sky_grid.grid_of`, drawn in dashes.
     """
 
     def __init__(self, size, lowest, grid=None):
@@ -336,18 +336,18 @@ class SkyMap:
         for side, dx, dy in (('N', 0, -1), ('E', 1, 0), ('S', 0, 1), ('W', -1, 0)):
             self.parts.append(text(c + dx * (r + 12), c + dy * (r + 12), side, 'label', dy='.35em'))
         if grid is not None:
-            self._axes_of(grid)
+            self._axes_of(*grid)
 
-    def _axes_of(self, grid):
+    def _axes_of(self, lines, names):
         """Lines along which one axis of a mount stands still; where its pole is."""
         d = ''
-        for az, el in grid.lines:
+        for az, el in lines:
             seen = np.degrees(el) >= self.lowest - 1e-6  # below the rim a line is broken
             for i, (x, y) in enumerate(zip(*self.place(az, el))):
                 if seen[i]:
                     d += f'{"L" if i and seen[i - 1] else "M"}{_n(x)} {_n(y)}'
         self.parts.append(f'<path class="grid axes" d="{d}"/>')
-        for az, el, name in grid.names:
+        for az, el, name in names:
             x, y = self.place(az, el)
             # those of the elevation stand above the middle
             if np.degrees(el) >= self.lowest + 3.0 and np.hypot(x - self.centre - 12.0,

@@ -36,7 +36,7 @@ def next_observations(groups, kind=KINDS[USUAL], grid=None):
         As of `observation_wording.proposal_groups`.
     kind : MountKind
         What a motion of its axes is called.
-    grid : SkyGrid, optional
+    grid : tuple, optional
         Its axes on the sky.
     """
     if not groups:

@@ -23,7 +23,7 @@ import numpy as np
 from pointing_model.mounts import ALTAZ, is_beyond
 from pointing_model.rms import rms
 
-from .sky_grid import SkyGrid, grid_of
+from .sky_grid import grid_of
 
 
 @dataclass
@@ -64,7 +64,7 @@ class Residuals:
         Whether times are UTC, and not since an arbitrary start.
     noise_text : str
         What `noise` is called: more than noise where something else is in it.
-    grid : SkyGrid, optional
+    grid : tuple, optional
         Where the axes of the mount stand on the sky; None: as those of the map.
     """
 
@@ -87,7 +87,7 @@ class Residuals:
     place_words: tuple = ('azimuth', 'elevation')
     utc: bool = True
     noise_text: str = 'noise of the fit'
-    grid: SkyGrid | None = None
+    grid: tuple | None = None
 
     def __post_init__(self):
         self.known = np.isfinite(self.before).all(axis=0) & np.isfinite(self.after).all(axis=0)

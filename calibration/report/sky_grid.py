@@ -14,28 +14,10 @@
 
 """Where the axes of a mount stand on the sky: lines and names for a map."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 #: angles of the second and of the first axis that are drawn, deg
 _EACH, _ROUND = np.arange(-60.0, 61.0, 30.0), np.arange(-150.0, 181.0, 30.0)
-
-
-@dataclass(frozen=True)
-class SkyGrid:
-    """The axes of a mount on the horizon.
-
-    Attributes
-    ----------
-    lines : tuple of (ndarray, ndarray)
-        Azimuth and elevation, rad, along which one axis stands still.
-    names : tuple of (float, float, str)
-        Where something is said, and what.
-    """
-
-    lines: tuple = ()
-    names: tuple = ()
 
 
 def grid_of(mount):
@@ -47,7 +29,10 @@ def grid_of(mount):
 
     Returns
     -------
-    SkyGrid or None
+    lines : list of (ndarray, ndarray)
+        Azimuth and elevation, rad, along which one axis stands still.
+    names : list of (float, float, str)
+        Where something is said, and what.
     """
     if mount.vertical:
         return None
@@ -57,8 +42,7 @@ def grid_of(mount):
     names = (*((0.0, angle, f'{other} {angle:g}°') for angle in _EACH), (0.0, 90.0, 'pole'),
              (0.0, -90.0, 'pole'),
              *((angle, 0.0, f'{one} {angle:g}°') for angle in _ROUND if angle))
-    return SkyGrid(
-        (*(mount.horizon_of(along, angle + 0.0 * along) for angle in across),
-         *(mount.horizon_of(angle + 0.0 * up, up) for angle in np.radians(_ROUND))),
-        tuple((*mount.horizon_of(*np.radians([first, second])), name)
-              for first, second, name in names))
+    return ([*(mount.horizon_of(along, angle + 0.0 * along) for angle in across),
+             *(mount.horizon_of(angle + 0.0 * up, up) for angle in np.radians(_ROUND))],
+            [(*mount.horizon_of(*np.radians([first, second])), name)
+             for first, second, name in names])
