@@ -20,7 +20,7 @@ from pointing_model.zero import BY_POLARIS
 
 from ..analysis import holdout_comparison as kinds
 from ..analysis.fit_result import named
-from ..analysis.harmonic_fit import rows_of_terms
+from ..analysis.harmonic_fit import READ_AS, rows_of_terms
 from ..rows import counts
 from .wording import wording
 from .zero_wording import zero_document
@@ -36,10 +36,7 @@ _EARLIER = 'model of the earlier night'
 _ZERO_SET, _PUBLISHED = 'zero set on ', 'published: '
 ZEROED = _ZERO_SET + BY_POLARIS
 #: what E is in paper 000's harmonics -> its label
-HARMONICS = {
-    'zenith': '13 harmonics, E read as zenith distance',
-    'printed': '13 harmonics, E read as printed',
-}
+HARMONICS = {reading: f'13 harmonics, {text}' for reading, text in READ_AS.items()}
 _LABELS = {
     kinds.RAW: lambda of: RAW, kinds.REFERENCE: lambda of: _EARLIER,
     kinds.ZEROED: lambda of: _ZERO_SET + of, kinds.HARMONICS: HARMONICS.get,
