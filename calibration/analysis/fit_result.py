@@ -25,7 +25,7 @@ from pointing_model.mounts import rows_by_side
 from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import NO_ZERO, PowerOnZero, Zeros
 
-from ..estimation.few_rows import FEW, interval_factor
+from ..estimation.few_rows import FEW
 from ..rows import BEYOND_COLLIMATION
 from .finding import Finding
 
@@ -131,7 +131,8 @@ class FitResult:
 
         `sigma` times the point of Student's t for its degrees of freedom.
         """
-        return self.sigma * interval_factor(self.freedom)
+        from scipy.special import stdtrit
+        return self.sigma * stdtrit(self.freedom, 0.975)
 
     def term_rows(self, interval=None):
         """``name``, ``value_arcsec``, ``sigma_arcsec`` of each coefficient; JSON-ready.

@@ -118,22 +118,3 @@ def _chances(design, b, least_noise):
     dof = satterthwaite(parts, freedom[:, None])
     chance = two_sided(error / np.sqrt(variance), dof)
     return np.where(enough, chance, np.inf).min(axis=1)
-
-
-def interval_factor(dof, share=0.95):
-    """By what a standard error is multiplied for an interval with that share of the cases.
-
-    Parameters
-    ----------
-    dof : array_like
-        Degrees of freedom; infinite: the noise is known.
-
-    Returns
-    -------
-    ndarray
-        Two-sided point of Student's t.
-    """
-    from scipy.special import ndtri, stdtrit
-    dof, at = np.asarray(dof, dtype=float), 0.5 * (1.0 + share)
-    known = np.isinf(dof)
-    return np.where(known, ndtri(at), stdtrit(np.where(known, 1.0, dof), at))

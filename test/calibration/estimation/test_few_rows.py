@@ -18,7 +18,7 @@ from noisy_run import TRUTH, make_run
 
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.term_fit import fit_terms
-from calibration.estimation.few_rows import interval_factor, kept_rows
+from calibration.estimation.few_rows import kept_rows
 from calibration.report.documents import fit_document
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
@@ -79,11 +79,6 @@ def test_exact_rows_and_rows_within_given_sigmas_are_not_wrong():
     assert fit.within95 == pytest.approx(1.96 * fit.sigma, rel=1e-3)
     run['el_enc'][2] += 200 * ARCSEC
     assert fit_terms(run).rejected.tolist() == [2]
-
-
-def test_student():
-    table = {1: 12.706, 3: 3.182, 10: 2.228, 40: 2.021, np.inf: 1.960}
-    assert interval_factor(list(table)) == pytest.approx(list(table.values()), abs=5e-4)
 
 
 def test_what_was_rejected_and_how_few_rows_are_is_told():
