@@ -70,7 +70,6 @@ class FitResult:
     robust : bool
         Whether rows were downweighted (never with fewer than 1.5 values a coefficient) or, where
         they are few, tested (`few_rows`).
-    iterations : int
     freedom : ndarray, shape (k,)
         Degrees of freedom of each standard error; infinite from given sigmas that hold.
     undetermined : tuple of str
@@ -100,7 +99,6 @@ class FitResult:
     weights: np.ndarray
     excluded: list
     robust: bool
-    iterations: int
     freedom: np.ndarray
     undetermined: tuple = ()
     raised: list = ()
@@ -345,7 +343,6 @@ def make_result(run, names, used, found, model, zeros, notes):
         covariance=found.covariance, covariance_from=covariance_from, scatter=scatter,
         rank=found.rank, singular_values=found.singular_values,
         dropped=_dropped(left_open, names), residual_x=residual_x, residual_y=residual_y,
-        weights=w, excluded=excluded, robust=found.robust, iterations=found.iterations,
-        freedom=found.freedom, undetermined=undetermined, raised=used.raised,
-        ratios=found.ratios, zeros=zeros,
+        weights=w, excluded=excluded, robust=found.robust, freedom=found.freedom,
+        undetermined=undetermined, raised=used.raised, ratios=found.ratios, zeros=zeros,
         linear=Linearisation.of(names, found, used.rows, len(run), sigmas))

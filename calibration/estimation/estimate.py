@@ -120,7 +120,6 @@ class Estimate(NamedTuple):
     robust: bool = False  # whether rows were weighed, or where they are few judged
     undetermined: Undetermined | None = None
     singular_values: np.ndarray | None = None  # of the first-order design, descending
-    iterations: int = 1
     log_likelihood: float | None = None  # restricted, but for a constant
     design: object = None  # (k, axes * n), where it ended, of the coefficients that are not held
     scatter_freedom: tuple = ()  # degrees of freedom of the scatter of each axis; one: of both

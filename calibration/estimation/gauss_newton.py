@@ -235,8 +235,8 @@ def _iterate(problem, weights, loss, rcond, spectrum, rank, last, most, known):
         residual = np.where(np.tile(feasible, 2), residual, np.nan)
     return Estimate(p, of_result.covariance, of_result.freedom, of_result.scatter, residual,
                     feasible.astype(float) if row_weights is None else row_weights, solution.rank,
-                    row_weights is not None, left_open, spectrum.s[::-1], iteration,
-                    design=design, scatter_freedom=of_result.scatter_freedom)
+                    row_weights is not None, left_open, spectrum.s[::-1], design=design,
+                    scatter_freedom=of_result.scatter_freedom)
 
 
 def _is_bent(problem, found, spectrum, by, rank):
