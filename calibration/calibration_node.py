@@ -47,6 +47,8 @@ from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
 from .report import calibration_wording as words
+from .report.track_wording import last_update
+from .report.wording import paragraph, worded
 
 
 class Calibration(MountNode):
@@ -122,8 +124,6 @@ class Calibration(MountNode):
 
     def _publish_tracked(self):
         """The model after a star, and what it said."""
-        from .report.track_wording import last_update
-        from .report.wording import worded
         night = self._state.tracked
         model, zero = night.pair(self._state.last_stamp)
         self._send_model(model)
@@ -309,7 +309,6 @@ class Calibration(MountNode):
             self._publish_status(f'{self._long.name}: {at}', **at._asdict())
 
     def _diagnosed(self, found):
-        from .report.wording import paragraph
         document = found.document
         done = f'{self._publish_finding(found)}; {words.headline(found)}'
         if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
@@ -365,11 +364,9 @@ class Calibration(MountNode):
 
     def problems(self):
         """Where the encoders and the sky of the last night disagree, or cannot be compared."""
-        from calibration.report.calibration_wording import problem_sentences
-        return [(DiagnosticStatus.WARN, text) for text in problem_sentences(
+        return [(DiagnosticStatus.WARN, text) for text in words.problem_sentences(
             self._state, self._marks_unknown(), self._refused)]
 
     def details(self):
         """What has come."""
-        from calibration.report.calibration_wording import state_rows
-        return state_rows(self._state, self._taken_up, self._finding)
+        return words.state_rows(self._state, self._taken_up, self._finding)

@@ -23,6 +23,7 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, is_for_zero
 from pointing_model.zero_drift import Following
 
+from .analysis.diagnosis.input_check import check_columns
 from .analysis.encoders.count_drift import zero_following
 from .analysis.external_check import power_on_check, split_half, ways
 from .analysis.fit_result import FitResult
@@ -83,7 +84,6 @@ def recipe_of(zeros, rows):
 
 def fit_terms_of(zeros, rows):
     """Terms, and the zero of each power-on that belongs to them, a FitResult."""
-    from .analysis.diagnosis.input_check import check_columns
     check_columns(rows.select(~is_for_zero(rows)))
     return recipe_of(zeros, rows).terms(rows)
 

@@ -25,7 +25,7 @@ from .alignment_wording import alignment_lines
 from .fit_wording import UNDETERMINED, origin_sentence
 from .night_document import RAW, steps_of
 from .row_wording import expected_sentence, left_out_lines, outlier_sentence, used_sentence
-from .terminal_layout import layered
+from .terminal_layout import TerminalTable, layered
 from .wording import wording
 
 #: parts of a prediction that are listed; terms that are listed in one column
@@ -34,7 +34,6 @@ _PARTS, _ONE_COLUMN = 8, 8
 
 def new_table(title, *columns):
     """An empty table, first column left, the others right; see `terminal_layout`."""
-    from .terminal_layout import TerminalTable
     out = TerminalTable(title=title)
     for i, name in enumerate(columns):
         out.add_column(name, justify='left' if i == 0 else 'right')
