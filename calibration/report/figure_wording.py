@@ -70,7 +70,7 @@ def way(document):
     read = document.get('as_read_rms_arcsec')
     if read is None or document['verdict'] == 'refused':
         return ''
-    before, after, label = steps(document)
+    label, before, after = best_pair(document, held=False)
     if before is None:
         return ''
     effects = len(document['effects'])
@@ -110,12 +110,6 @@ def best_pair(document, held=True):
             return STRETCHES, blocks['before'], blocks['after']
         return label, *pair
     return FITTED, None, None
-
-
-def steps(document):
-    """RMS with the terms and with the effects as `way` tells them, and on what: three values."""
-    label, *pair = best_pair(document, held=False)
-    return *pair, label
 
 
 def way_size(value):
