@@ -24,7 +24,7 @@ the cause is open.
 """
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -291,25 +291,6 @@ def _take_in(choice, i, models):
     own.equals.sort(key=lambda k: -np.round(own.every[k] / TIE))
 
 
-@dataclass
-class Alternative:
-    """To one found effect.
-
-    Attributes
-    ----------
-    group : int
-        Of the dictionary.
-    entry : dict
-        As of `DiagnosedEffect.causes`, its ``delta_bic`` with all else in the model; and
-        ``behind`` (BIC, of the better of that and a model of its own), ``alone`` and
-        ``found_alone`` (gains on what the base leaves), ``instead`` of ``folds`` (how often it was
-        chosen and the effect was not) and ``open``.
-    """
-
-    group: int
-    entry: dict = field(default_factory=dict)
-
-
 def alternatives(problem, choice, choices):
     """Alternatives to each found effect beside its equals, the most often chosen first.
 
@@ -322,7 +303,11 @@ def alternatives(problem, choice, choices):
 
     Returns
     -------
-    list of list of Alternative
+    list of list of (int, dict)
+        Group of the dictionary, and an entry as of `DiagnosedEffect.causes`, its ``delta_bic`` with
+        all else in the model; and ``behind`` (BIC, of the better of that and a model of its own),
+        ``alone`` and ``found_alone`` (gains on what the base leaves), ``instead`` of ``folds`` (how
+        often it was chosen and the effect was not) and ``open``.
     """
     if not any(c.plain for c in choice.chosen):
         return [[] for _ in choice.chosen]
@@ -347,13 +332,13 @@ def _to_one(problem, choice, i, alone, lines, taken):
         instead = sum(e.line in some and own.line not in some for some in lines)
         behind = min(found.delta_bic - found.every[g], found.behind.get(int(g), np.inf))
         known = out.get(e.cause_summary)
-        if known is None or found.every[g] > found.every[known.group]:
-            out[e.cause_summary] = Alternative(int(g), {
+        if known is None or found.every[g] > found.every[known[0]]:
+            out[e.cause_summary] = int(g), {
                 **cause_entry(e, float(found.every[g])), 'behind': float(behind),
                 'alone': float(alone[g]), 'found_alone': float(alone[one.group]),
                 'instead': instead, 'folds': len(lines),
-                'open': bool(lines) and instead >= OFTEN * len(lines)})
-    return sorted(out.values(), key=lambda one: (-one.entry['instead'], one.entry['behind']))
+                'open': bool(lines) and instead >= OFTEN * len(lines)}
+    return sorted(out.values(), key=lambda one: (-one[1]['instead'], one[1]['behind']))
 
 
 def cause_counts(choices, effects):

@@ -174,10 +174,10 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         result.notes += memory_findings(run, choice, fits[1])
     others = alternatives(problem, choice, errors.chosen if errors else [])
     for entry, some in zip(found, others):
-        entry.contenders = [one.entry for one in some]
-    if result.verdict == 'ambiguous' or any(one.entry['open'] for some in others for one in some):
+        entry.contenders = [one for _, one in some]
+    if result.verdict == 'ambiguous' or any(one['open'] for some in others for _, one in some):
         result.next_observations, result.no_star = propose(
-            run, choice, [[one.group for one in some if one.entry['open']] for some in others])
+            run, choice, [[group for group, one in some if one['open']] for some in others])
     result.notes += run.undetermined_findings()
 
     result = count_rows(result)

@@ -61,7 +61,7 @@ class DiagnosedEffect:
     columns : ndarray, shape (k, 2, n)
     contenders : list of dict
         What lost its place to this effect, though it explains the rows as well alone: see
-        `alternatives.Alternative.entry`.
+        `alternatives.alternatives`.
     removes_arcsec : float or None
         RMS on the sky that it takes off, beyond what the declared terms could.
     offsets, own, beyond : ndarray or None

@@ -61,19 +61,18 @@ def test_what_is_chosen_instead_leaves_the_cause_open():
     assert names == ['bent axis', 'helper']
     bent, helper, scale, other, _ = effects
     folds = [[bent, helper]] * 15 + [[scale]] * 4 + [[other]]
-    (one,), second = alternatives(problem, chosen, folds)
+    ((group, told),), second = alternatives(problem, chosen, folds)
     assert second == []  # the scale takes up nothing like the helper, and the other is none of it
-    told = one.entry
     assert told['cause'] == 'scale' and told['look_at'] == 'the scale' and told['open']
     assert (told['instead'], told['folds']) == (4, 20)
     stand = chosen.significances[0]
-    assert told['behind'] == stand.delta_bic - stand.every[one.group] > 6.0
+    assert told['behind'] == stand.delta_bic - stand.every[group] > 6.0
     # a model of its own may be nearer
-    stand.behind = {one.group: 7.5}
-    assert alternatives(problem, chosen, folds)[0][0].entry['behind'] == 7.5
+    stand.behind = {group: 7.5}
+    assert alternatives(problem, chosen, folds)[0][0][1]['behind'] == 7.5
     # chosen seldom, or beside it, or with no rows left out, it leaves nothing open
     for some in ([[bent, helper]] * 99 + [[scale]], [[bent, helper, scale]] * 20, []):
-        assert [one.entry['open'] for one in alternatives(problem, chosen, some)[0]] == [False]
+        assert [one['open'] for _, one in alternatives(problem, chosen, some)[0]] == [False]
     # what is far behind even alone is none, however often it was chosen
     problem.dictionary.columns[2] = problem.dictionary.columns[4]
     assert alternatives(problem, chosen, folds) == [[], []]
