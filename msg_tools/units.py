@@ -61,3 +61,21 @@ def covered(angles):
     gaps = np.diff(places, append=places[0] + 2.0 * np.pi)
     last = int(np.argmax(gaps))
     return float(places[(last + 1) % len(places)]), float(2.0 * np.pi - gaps[last])
+
+
+def even_sample(values, most):
+    """At most so many of some values, evenly.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    most : int
+
+    Returns
+    -------
+    ndarray
+        The first and the last are among them.
+    """
+    if len(values) <= most:
+        return values
+    return values[np.linspace(0, len(values) - 1, most).round().astype(int)]

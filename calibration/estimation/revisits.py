@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msg_tools.units import even_sample
 from pointing_model.rms import sigma_of
 
 from .robust import GROSS
@@ -205,9 +206,7 @@ class Revisits:
     @cached_property
     def _moments(self):
         """Positions at which a step is tried."""
-        count = len(self._between)
-        return self._between if count <= _MOMENTS else self._between[
-            np.linspace(0, count - 1, _MOMENTS).round().astype(int)]
+        return even_sample(self._between, _MOMENTS)
 
     @cached_property
     def _between(self):
@@ -308,7 +307,7 @@ class Revisits:
         if self.move is None:
             return False
         axis, rng = self.move.axis, np.random.default_rng(0)
-        some = np.unique(np.linspace(0, len(self.place) - 1, _LIKELY).round().astype(int))
+        some = even_sample(np.arange(len(self.place)), _LIKELY)
         value, place = self._value[axis], self.place[some]
         limit = _CLIP * sigma_of(value - np.median(value))
         value = np.clip(value - np.median(value), -limit, limit)[some]

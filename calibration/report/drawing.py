@@ -18,6 +18,8 @@ from html import escape
 
 import numpy as np
 
+from msg_tools.units import even_sample
+
 from .page_parts import Markup
 
 #: points drawn at most in one panel; the figures beside them are of all rows
@@ -85,11 +87,6 @@ def text(x, y, words, style='tick', anchor='middle', dy=''):
     return f'<text class="{style}"{anchor} x="{_n(x)}" y="{_n(y)}"{dy}>{clean(words)}</text>'
 
 
-def thin(n, limit=MAX_POINTS):
-    """Indices of at most `limit` of n rows, evenly."""
-    return np.arange(n) if n <= limit else np.linspace(0, n - 1, limit).round().astype(int)
-
-
 class Panel:
     """Axes of one figure: data to drawing, ticks, points, lines.
 
@@ -145,8 +142,7 @@ class Panel:
     def _places(self, x, y, limit=MAX_POINTS):
         """Which values to draw, and where: what lies beyond the frame at its edge."""
         x, y = np.asarray(x, float), np.asarray(y, float)
-        good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-        good = good[thin(len(good), limit)]
+        good = even_sample(np.flatnonzero(np.isfinite(x) & np.isfinite(y)), limit)
         return good, self.x(x[good]), self.y(np.clip(y[good], *self.y_range))
 
     def moving(self, axes):

@@ -16,6 +16,7 @@
 
 import numpy as np
 
+from msg_tools.units import even_sample
 from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.pointing_terms import terms_of
 
@@ -222,9 +223,7 @@ def steps(context, limit=32):
     driver, _ = clock(context)
     if driver == 'order' and _runs(context):
         return []
-    between = places_of_steps(context, driver)
-    if len(between) > limit:
-        between = between[np.linspace(0, len(between) - 1, limit).round().astype(int)]
+    between = even_sample(places_of_steps(context, driver), limit)
     return for_mount([effect('step', axis=axis, at=float(t), driver=driver)
                      for axis in AXES for t in between], context.mount)
 

@@ -21,7 +21,7 @@ first axis.
 
 import numpy as np
 
-from msg_tools.units import DEG, wrap
+from msg_tools.units import DEG, even_sample, wrap
 from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import Effect, Offer, arcsec, effect, form, single_rows
@@ -133,9 +133,7 @@ def _between(context, most):
     el = np.sort(context.get('elevation'))
     between = 0.5 * (el[1:] + el[:-1])[_FEWEST_BEYOND - 1:len(el) - _FEWEST_BEYOND]
     between = between[np.diff(el)[_FEWEST_BEYOND - 1:len(el) - _FEWEST_BEYOND] > 1e-4]
-    if len(between) > most:
-        between = between[np.linspace(0, len(between) - 1, most).round().astype(int)]
-    return between.tolist()
+    return even_sample(between, most).tolist()
 
 
 def _places(angle, width, count):

@@ -16,7 +16,7 @@
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG, even_sample
 from pointing_model.pointing_terms import stacked_design
 from pointing_model.sky.orbits.time_scales import leap_seconds
 
@@ -48,9 +48,7 @@ def wrong_track(measured, bias_free=()):
     Finding or None
         Its size is by how many seconds stamps are later than UTC, or how far rows are off, deg.
     """
-    rows = np.flatnonzero(measured.names != '')
-    if len(rows) > _MOST:
-        rows = rows[np.linspace(0, len(rows) - 1, _MOST).round().astype(int)]
+    rows = even_sample(np.flatnonzero(measured.names != ''), _MOST)
     tracks = measured.tracks(0.0, rows)
     now = _left(tracks)
     if now < _RIGHT:
