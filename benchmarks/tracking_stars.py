@@ -34,8 +34,15 @@ import numpy as np
 from tracking_nights import BASE, NAMES, K, Night, Truth, columns, radial, sky
 
 from calibration.analysis.term_fit import fit_terms
-from calibration.analysis.tracking.history import Past, past_of_runs, rates_of_nights, rows_of
+from calibration.analysis.tracking.history import (
+    Past,
+    past_of_runs,
+    rates_of_nights,
+    rows_of,
+    tracked,
+)
 from calibration.analysis.tracking.innovations import Measurement
+from calibration.analysis.tracking.motion_causes import TrackingSettings
 from calibration.analysis.tracking.smoother import smooth
 from calibration.analysis.tracking.tracker import Tracker
 from calibration.analysis.tracking.warm_start import (
@@ -312,7 +319,7 @@ def say_rates(count):
                 hours.append(k // (night.count // 3))
             square.append(night.errors(np.array(terms))[1])
         nis, expected, square, hours = map(np.ravel, (nis, expected, square, hours))
-        likeliest = rates.likeliest()
+        likeliest = rates.facts[np.argmax(rates.weights)]
         print(f'\n{rate}"/h^.5, rates of 10 nights (likeliest {likeliest["zero"] / ARCSEC:.1f}, '
               f'tilt {likeliest["tilt"] / ARCSEC:.1f}), {count} others: NIS {nis.mean():.3f}, '
               'thirds of time ' + ' '.join(f'{nis[hours == t].mean():.2f}' for t in range(3))
@@ -337,10 +344,11 @@ def say_walks(folder):
         model = PointingModel(fit.model.terms, covariance)
         nights = [(model, run.select(run['run'] == number)) for number in np.unique(run['run'])]
         nights = [night for night in nights if len(night[1]) >= 6]
-        rates = {noise: rates_of_nights(nights, noise=noise * ARCSEC)
-                 for noise in (0.7, 1.0, 1.5, 2.0, 2.5, 3.0)}
-        noise = max(rates, key=lambda n: rates[n].likelihood)
-        zeros = [night['zero'] / ARCSEC for night in rates[noise].nights]
+        settings = TrackingSettings(turn_h=1e9)
+        seen = {noise: [tracked(*night, settings=settings, noise=noise * ARCSEC)
+                        for night in nights] for noise in (0.7, 1.0, 1.5, 2.0, 2.5, 3.0)}
+        noise = max(seen, key=lambda n: sum(one.filter.evidence for one in seen[n]))
+        zeros = [one.facts[np.argmax(one.rate_weights)]['zero'] / ARCSEC for one in seen[noise]]
         print(f'\n{path}: {len(nights)} sessions, {sum(len(n[1]) for n in nights)} rows; '
               f'likeliest noise {noise}", walk of the zeros "/h^.5 '
               + ' '.join(f'{z:.1f}' for z in sorted(zeros)))

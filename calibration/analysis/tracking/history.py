@@ -37,6 +37,8 @@ _SCALE = 0.852
 _LEAST, _AS_RUNS = 0.3 * ARCSEC, 2.0
 #: how the terms may be before any run is known, 1 sigma, rad
 _BEFORE = 3000.0 * ARCSEC
+#: rounds of the EM, of terms and of rates; nights that are as if all rates were alike likely
+_ROUNDS, _RATE_ROUNDS, _AS_NIGHTS = 12, 50, 0.3
 
 
 _ARRAYS = {'mean': 1, 'covariance': 2, 'last': 1, 'last_covariance': 2}  # dimensions
@@ -100,7 +102,7 @@ class Past:
         return out
 
 
-def past_of_runs(runs, names, *, memory=np.inf, rounds=12):
+def past_of_runs(runs, names, *, memory=np.inf):
     """Terms of each run, their mean and scatter from run to run, by maximum likelihood (EM).
 
     Terms that a run does not determine are taken from the others: Dempster, Laird and Rubin 1977;
@@ -115,8 +117,6 @@ def past_of_runs(runs, names, *, memory=np.inf, rounds=12):
         Terms; each should be in the dictionary of the mount.
     memory : float
         Runs after which one counts less by a factor e.
-    rounds : int
-        Of the EM.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def past_of_runs(runs, names, *, memory=np.inf, rounds=12):
     mean, scatter, noise = np.zeros(k), np.eye(k) * _BEFORE**2, 5.0 * ARCSEC
     weights = [np.ones(len(y)) for _, y in runs]
     least = _AS_RUNS * _LEAST**2 * np.eye(k)
-    for turn in range(rounds + 1):
+    for turn in range(_ROUNDS + 1):
         before = np.linalg.inv(scatter)
         found, left, good = [], 0.0, 0.0
         for place, (h, y) in enumerate(rows):
@@ -151,7 +151,7 @@ def past_of_runs(runs, names, *, memory=np.inf, rounds=12):
             left, good = left + share[place] * (w @ square), good + share[place] * len(y)
             weights[place] = (_FREEDOM + 2.0) / (
                 _FREEDOM + square.reshape(-1, 2).sum(axis=1) / noise**2)
-        if turn == rounds:
+        if turn == _ROUNDS:
             break
         mean = sum(s * terms for s, (terms, _) in zip(share, found)) / total
         scatter = (least + sum(s * (np.outer(t - mean, t - mean) + c)
@@ -181,20 +181,10 @@ class Rates:
         How likely each hypothesis of a `Tracker` is for another night: its `rate_weights`.
     facts : list of dict
         What they are, see `Tracker.facts`.
-    nights : list of dict
-        Of each night the likeliest hypothesis.
-    likelihood : float
-        Log likelihood of all nights, but for a constant.
     """
 
     weights: np.ndarray
     facts: list
-    nights: list
-    likelihood: float
-
-    def likeliest(self):
-        """The hypothesis that explains most nights."""
-        return self.facts[int(np.argmax(self.weights))]
 
     def document(self):
         """JSON-ready: each walk of zeros and lean, and how likely it is."""
@@ -230,11 +220,11 @@ def rate_weights_of(document, facts):
     return out / out.sum() if np.all(out > 0.0) else None
 
 
-def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=50):
+def rates_of_nights(nights, *, settings=None, noise=None):
     """How often a night is of each rate, by maximum likelihood.
 
     A mixture of the hypotheses of a tracker, its weights by EM. That all are alike likely counts
-    as so many nights (`as_nights`).
+    as `_AS_NIGHTS`.
 
     Parameters
     ----------
@@ -243,8 +233,6 @@ def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=
     settings : TrackingSettings, optional
     noise : float, optional
         1 sigma of a star, rad, where a run has no ``sigma_x``, ``sigma_y``.
-    as_nights : float
-    rounds : int
 
     Returns
     -------
@@ -258,19 +246,16 @@ def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=
     if not nights:
         raise ValueError('no earlier night: the rates of the literature hold')
     settings = replace(settings or TrackingSettings(), turn_h=1e9)
-    chances, facts, likelihood = [], None, 0.0
-    for model, run in nights:
-        tracker = tracked(model, run, settings=settings, noise=noise)
-        chances.append(tracker.rate_weights * len(tracker.facts))
-        facts, likelihood = tracker.facts, likelihood + tracker.filter.evidence
-    chances = np.array(chances)
+    trackers = [tracked(model, run, settings=settings, noise=noise) for model, run in nights]
+    facts = trackers[0].facts
+    chances = np.array([one.rate_weights * len(facts) for one in trackers])
     before = np.full(len(facts), 1.0 / len(facts))
     weights = before
-    for _ in range(rounds):
+    for _ in range(_RATE_ROUNDS):
         each = chances * weights
         each /= each.sum(axis=1, keepdims=True)
-        weights = (as_nights * before + each.sum(axis=0)) / (as_nights + len(chances))
-    return Rates(weights, facts, [facts[k] for k in np.argmax(chances, axis=1)], likelihood)
+        weights = (_AS_NIGHTS * before + each.sum(axis=0)) / (_AS_NIGHTS + len(chances))
+    return Rates(weights, facts)
 
 
 def tracked(model, run, *, noise=None, **options):

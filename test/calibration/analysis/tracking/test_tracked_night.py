@@ -137,8 +137,9 @@ def test_nights_tell_how_fast_their_zeros_wander():
     rng = np.random.default_rng(5)
     rates = rates_of_nights([(MODEL, wandering(rng, 3.0)[0]) for _ in range(4)],
                             settings=SETTINGS)
-    assert rates.likeliest()['zero'] == 3.0 * ARCSEC and rates.weights.sum() == pytest.approx(1.0)
-    assert max(rates.weights) > 0.6 and len(rates.nights) == 4
+    likeliest = rates.facts[np.argmax(rates.weights)]
+    assert likeliest['zero'] == 3.0 * ARCSEC and rates.weights.sum() == pytest.approx(1.0)
+    assert max(rates.weights) > 0.6
     tracker = Tracker(MODEL, 0, settings=SETTINGS, rate_weights=rates.weights)
     assert 2.5 < tracker.rates()['zero'] / ARCSEC < 6.0
     with pytest.raises(ValueError, match='no earlier night'):
@@ -147,7 +148,7 @@ def test_nights_tell_how_fast_their_zeros_wander():
     del bare.columns['sigma_x'], bare.columns['sigma_y']
     with pytest.raises(ValueError, match='noise'):
         rates_of_nights([(MODEL, bare)])
-    assert rates_of_nights([(MODEL, bare)], settings=SETTINGS, noise=ARCSEC).likelihood != 0.0
+    assert rates_of_nights([(MODEL, bare)], settings=SETTINGS, noise=ARCSEC).weights[0] > 0.1
 
 
 def test_hindsight_is_nearer_than_the_live_model_and_knows_the_jump():
