@@ -14,6 +14,7 @@
 
 """A run in the form of the search."""
 
+from copy import copy
 from itertools import product
 
 import numpy as np
@@ -67,16 +68,18 @@ class EffectVariants:
     """
 
     def __init__(self, context):
-        self._context, self._changes = context, {}
+        self._context, self._changes, self._whole, self._rows = context, {}, None, None
 
     def columns(self, one):
         """Columns of any effect, shape (d, 2n)."""
-        return effect_bank([one], self._context).columns
+        return self._bank([one]).columns
 
     def changes(self, one):
         """`CandidateBank` of the changes of an effect; it may be empty."""
         if id(one) not in self._changes:  # the effect is kept, so its id stays its own
-            self._changes[id(one)] = one, effect_bank(changes(one, self._context), self._context)
+            bank = (self._bank(changes(one, self._context)) if self._whole is None
+                    else self._whole.changes(one).rows(self._rows))
+            self._changes[id(one)] = one, bank
         return self._changes[id(one)][1]
 
     def finer(self, one, scan, level=0):
@@ -87,8 +90,8 @@ class EffectVariants:
         if not one.searched:
             return None
         grids = [self._between(one, scan, name, 0.25**level) for name in one.searched]
-        return effect_bank([effect(one.form, **one.parameters | dict(zip(one.searched, values)))
-                            for values in product(*grids)], self._context)
+        return self._bank([effect(one.form, **one.parameters | dict(zip(one.searched, values)))
+                           for values in product(*grids)])
 
     def _between(self, e, scan, name, part):
         """Values of one of the numbers of a scan about that of a member."""
@@ -105,30 +108,15 @@ class EffectVariants:
 
     def rows(self, rows):
         """Those of some rows."""
-        return _SomeVariants(self, rows)
+        out = copy(self)
+        out._changes, out._whole = {}, self._whole or self
+        out._rows = rows if self._whole is None else self._rows[rows]
+        return out
 
-
-class _SomeVariants:
-    """`EffectVariants` of some rows."""
-
-    def __init__(self, whole, rows):
-        self._whole, self._rows, self._changes = whole, rows, {}
-
-    def columns(self, one):
-        columns = self._whole.columns(one)
-        return columns.reshape(len(columns), 2, -1)[:, :, self._rows].reshape(len(columns), -1)
-
-    def changes(self, one):
-        if id(one) not in self._changes:
-            self._changes[id(one)] = one, self._whole.changes(one).rows(self._rows)
-        return self._changes[id(one)][1]
-
-    def finer(self, one, scan, level=0):
-        bank = self._whole.finer(one, scan, level)
-        return None if bank is None else bank.rows(self._rows)
-
-    def rows(self, rows):
-        return _SomeVariants(self._whole, self._rows[rows])
+    def _bank(self, effects):
+        """`CandidateBank` of effects of the rows."""
+        bank = effect_bank(effects, self._context)
+        return bank if self._whole is None else bank.rows(self._rows)
 
 
 class RunProblem:
