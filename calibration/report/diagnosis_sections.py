@@ -23,7 +23,7 @@ from pointing_model.effects.base import AXES as AXIS_WORDS
 from pointing_model.effects.base import arcsec, readable
 
 from . import page_parts as page
-from .diagnosis_summary import MOST_OUTLIERS
+from .diagnosis_summary import MOST_OUTLIERS, repeats
 from .number_wording import probability
 
 _MEASURES = (('holdout_rms_arcsec', 'held-out runs'), ('cv_rms_arcsec', 'cross-validated'),
@@ -56,7 +56,7 @@ def evidence(view):
     """What speaks for each effect, in numbers; and figures of the whole."""
     rows = [(one.title, page.Size(row['removes_rms_arcsec']), _gain(row.get('cv_gain_arcsec')),
              page.Number(row.get('delta_bic'), 1), probability(row.get('p_family')),
-             _found_in(view.document, row['name']))
+             _found_in(view.document, row))
             for one, row in zip(view.effects, view.document['effects'])]
     document = view.document
     spread, expected = document['after'].get('cv_spread') or {}, document.get('expected')
@@ -80,10 +80,9 @@ def _gain(value):
     return None if value is None else page.Size(value, sign=True)
 
 
-def _found_in(document, name):
-    spread = document['after'].get('cv_spread') or {}
-    found = (spread.get('chosen_set') or spread.get('chosen') or {}).get(name)
-    return None if found is None else f'{found}/{spread["folds"]}'
+def _found_in(document, row):
+    found, folds = repeats(document, row)
+    return None if found is None else f'{found}/{folds}'
 
 
 def held_out(document, axes):

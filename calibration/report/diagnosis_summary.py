@@ -97,12 +97,12 @@ def _terms(document):
 
 
 def _line(document, row, name, reach):
-    found, folds = _repeats(document, row)
+    found, folds = repeats(document, row)
     return effect_line(row, name, reach, '' if found is None else 'uncertain: ' * (
         2 * found < folds) + f'in {found} of {folds} resamples')
 
 
-def _repeats(document, row):
+def repeats(document, row):
     """In how many resamples an effect is found, by any of its causes, and of how many; or None."""
     spread = document['after'].get('cv_spread') or {}
     return ((spread.get('chosen_set') or spread.get('chosen') or {}).get(row['name']),
@@ -132,9 +132,9 @@ def _cautions(document):
         size = noise.get('removes_rms_arcsec')
         out.append('Correlated noise' + (f', {arcsec(size)} RMS' if size else '')
                    + f', remains{cause_words(noise)}.')
-    repeats = [_repeats(document, row) for row in document['effects']]
-    if document['verdict'] not in STAYS and repeats and all(
-            found is not None and 2 * found < folds for found, folds in repeats):
+    each = [repeats(document, row) for row in document['effects']]
+    if document['verdict'] not in STAYS and each and all(
+            found is not None and 2 * found < folds for found, folds in each):
         out.append('No effect is found in half of the resamples: trust the RMS, not the causes.')
     outliers = document.get('outliers') or []
     if outliers:

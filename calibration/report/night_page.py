@@ -164,7 +164,7 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
     params = log.get('site') or {}
     begin, end = _span(data.time)
     body = [
-        page.Heading(f'Night{" of " * bool(when)}{when}'), _meta(run, data, begin, end),
+        page.Heading(f'Night{" of " * bool(when)}{when}'), _meta(run, begin, end),
         controls(data), _verdict(report, data),
         _largest(report, run, files),
         terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
@@ -192,7 +192,7 @@ def _span(time):
                  for edge in (np.nanmin, np.nanmax))
 
 
-def _meta(run, data, begin, end):
+def _meta(run, begin, end):
     runs = len(np.unique(run['run'])) if 'run' in run and len(run) else 0
     text = f'{len(run)} observations'
     if runs:

@@ -84,7 +84,7 @@ def render_tracks(fit, document, diagnosis, files):
     """
     headline, clock = headline_of(document), document.get('clock')
     mount = fit.tracks.run.mount.names
-    first, *others = _curves(fit, document, mount) or [None]
+    first, *others = _curves(fit, mount) or [None]
     marks = page.Legend((('before', 'raw'), ('fit', 'without the zeros of the axes'),
                          ('after', 'without terms, clock and orbits')))
     body = [
@@ -132,7 +132,7 @@ def _diagnosis_page(view, files):
     return '' if view is None else render(view, files)
 
 
-def _curves(fit, document, mount):
+def _curves(fit, mount):
     """Drawings of each arc of a satellite, the first of them."""
     tracks, out = fit.tracks, []
     time = np.asarray(tracks.run['time'], float)

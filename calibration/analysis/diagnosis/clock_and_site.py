@@ -65,7 +65,7 @@ class MovedRun:
         """As `Reading.places`; what is of the catalogue counts no more."""
         reach = np.cos(self.el)
         if held:
-            x = (np.remainder(az_enc - az + np.pi, 2.0 * np.pi) - np.pi) * np.cos(el)
+            x = wrap(az_enc - az) * np.cos(el)
             return Places(self.az, self.el, self.az + x / reach, self.el + el_enc - el,
                           np.ones(len(az)))
         return Places(self.az, self.el, az_enc + self.turn, el_enc, np.abs(reach))

@@ -138,16 +138,12 @@ class Diagnosis:
         if self.verdict == 'none' and entry['slow']:
             self.verdict = 'wanders'
 
-    @property
-    def _south(self):
-        """Whether the pole that is above the horizon is the southern one, where that matters."""
-        mount = self.observations.run.mount
-        return bool(not mount.vertical and mount.latitude < 0.0)
-
     def to_dict(self):
         """The JSON result; keys that do not apply are None."""
+        mount = self.observations.run.mount
         return {
-            **self.observations.run.mount.entries(), 'south': self._south,
+            # whether the pole above the horizon is the southern one, where that matters
+            **mount.entries(), 'south': bool(not mount.vertical and mount.latitude < 0.0),
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,

@@ -277,7 +277,8 @@ class _SetMatch:
 
         def of(fit):
             scores = bank.score(fit)
-            tops = _tops(lines, scores.delta_bic)
+            # of each line the group that gains most
+            tops = {lines[g]: g for g in np.argsort(scores.delta_bic, kind='stable')}
             return scores, tops, max((tops[one] for one in ours),
                                      key=lambda g: round(scores.delta_bic[g], 6))
 
@@ -350,8 +351,3 @@ class _SetMatch:
         """`Pair` of the best and another."""
         return Pair(self._problem, obs, base, self._fit, (self.best, other), self._others,
                     points, behind)
-
-
-def _tops(lines, gains):
-    """Of each line the group that gains most, dict."""
-    return {lines[g]: g for g in np.argsort(gains, kind='stable')}

@@ -19,7 +19,7 @@ from itertools import combinations
 
 import numpy as np
 
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ, is_beyond, through_pole
 
 _CATALOGUE, _ENCODERS, _BOTH = 'of the catalogue', 'of the encoders', 'of catalogue and encoders'
@@ -132,8 +132,7 @@ class Reading:
         if 'ascension' in (*self.catalogue, *self.encoders):
             az, az_enc = self._from_ascension(az, az_enc, el_enc, lst, sidereal)
         if held:
-            x, y = np.remainder(az_enc - az + np.pi, 2.0 * np.pi) - np.pi, el_enc - el
-            x = x * np.cos(el)
+            x, y = wrap(az_enc - az) * np.cos(el), el_enc - el
         if self.exchanged:
             az, el, az_enc, el_enc = az_enc, el_enc, az, el
         az, el, _ = _set_right(az, el, self.catalogue)
@@ -197,7 +196,7 @@ class Reading:
         if south and not reversed_here and not self.offsets:
             parts.append('azimuth of one of the two pairs counted from the south')
         if not parts:
-            turn = np.degrees(np.remainder(zero + np.pi, 2.0 * np.pi) - np.pi)
+            turn = np.degrees(wrap(zero))
             return f'an {words["a"]} zero of {turn:.1f} deg taken off'
         return ', and '.join(parts)
 

@@ -263,7 +263,7 @@ def _together(terms, found, candidates, variation, base, alpha):
                 comb(len(steps), count))
             if best is None or p < best[0]:
                 best = p, chosen, here, held
-    return None if best is None else _each(terms, *best, base, len(candidates), alpha)
+    return None if best is None else _each(terms, *best, len(candidates), alpha)
 
 
 def _held(found, terms):
@@ -272,7 +272,7 @@ def _held(found, terms):
                for term in terms)
 
 
-def _each(terms, p, chosen, variation, held, base, ways, alpha):
+def _each(terms, p, chosen, variation, held, ways, alpha):
     """As `_together` of steps, of those that are beyond chance each beside the others."""
     n = len(terms.days)
     while chosen and p < alpha:

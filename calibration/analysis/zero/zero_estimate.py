@@ -112,16 +112,12 @@ class ZeroEstimate(NamedTuple):
 
         Only the exposures of the group `place` see it; None: all do. Names of the terms come first.
         """
-        names = other_terms(self.rows.mount)
+        of = self.rows.mount.names
+        names = tuple(name for name in of.physical if name not in of.index)
         columns = np.concatenate(design(names, self.rows.az, self.rows.el, self.rows.mount))
         if place is not None:
             columns = columns * np.tile(self.rows.group == place, 2)[:, None]
         return names, pick @ self.response @ columns
-
-
-def other_terms(mount):
-    """The physical terms of a mount but its zeros."""
-    return tuple(name for name in mount.names.physical if name not in mount.names.index)
 
 
 def estimate_zeros(groups, names, model, encoder):
