@@ -77,13 +77,6 @@ def _figures(found):
     return f'({found.before:.2f}\u2033 to {found.after:.2f}\u2033{place})'
 
 
-def _rows_searched(found):
-    return (f'{found.size} of {found["all"]} rows were searched, spread evenly over each run. An '
-            f'effect must be {(found["all"] / found.size)**0.5:.1f} times as large to be found as '
-            'with all of them. The model was fitted to all rows, the other figures are of those '
-            'searched')
-
-
 def _columns_not_taken(found):
     how = '--cause COLUMN takes one'
     if found['unnamed']:
@@ -111,25 +104,8 @@ def _dropped(why):
                           + '; '.join(map(readable, found.causes)))
 
 
-def _reading_set_right(found):
-    return (f'the {found["axis"]} encoder was read whole {found["graduation"]} beside the true '
-            'place, and set right, in '
-            + ', '.join(f'{found["word"]} {row} ({m:+d})' for row, m in found['rows']))
-
-
 def _sessions(found):
     return f'{found["source"]}: {found["sessions"]} sessions, at gaps of more than {found.size:g} h'
-
-
-def _unknown_driver(found):
-    return (f'held out: {readable(found["effect"])} counts as zero in {found.size} of '
-            f'{found["rows"]} rows, where the {driver_word(found["driver"])} is not known')
-
-
-def _runs_held_out(found):
-    return (f'held out: {found.size} observations of {found["runs"]} runs, '
-            f'{", ".join(found["refitted"])} refitted in each, nothing else; '
-            f'{found["outliers"]} outliers set aside')
 
 
 def _lag(found):
@@ -153,16 +129,13 @@ def _slip(found):
             f'({found.size:.0f}°, {place} of {found["slews"]}): did a clutch or coupling slip?')
 
 
-def _column_better(found):
-    return (f'{found["cause"]}: that explains {readable(found.causes[0])} better '
-            f'(ΔBIC {found.size:.0f}); if the column is a cause, say --cause {found["column"]}')
-
-
 #: kind of a `Finding` -> its sentence
 KINDS = {
     'lag of temperature': _lag,
     'slip of a slew': _slip,
-    'column explains better': _column_better,
+    'column explains better': lambda found: (
+        f'{found["cause"]}: that explains {readable(found.causes[0])} better '
+        f'(ΔBIC {found.size:.0f}); if the column is a cause, say --cause {found["column"]}'),
     'too few rows': lambda found: (
         f'{found.size} of {found["read"]} rows could be used. With more than a third left out no '
         'effect is claimed: what the others show may come from what is wrong with those. Check '
@@ -180,7 +153,11 @@ KINDS = {
     'held-out night contradicts': lambda found: (
         f'The night {found["run"]} contradicts what was found: {arcsec(found.before)} without it, '
         f'{arcsec(found.after)} with it. Do not use the effects beyond the run that was fitted.'),
-    'rows searched': _rows_searched,
+    'rows searched': lambda found: (
+        f'{found.size} of {found["all"]} rows were searched, spread evenly over each run. An '
+        f'effect must be {(found["all"] / found.size)**0.5:.1f} times as large to be found as '
+        'with all of them. The model was fitted to all rows, the other figures are of those '
+        'searched'),
     'first answer': _first_answer,
     'columns not taken': _columns_not_taken,
     'terms beside correlated noise': lambda found: (
@@ -202,7 +179,10 @@ KINDS = {
     'undetermined base': lambda found: (
         'the directions do not determine all terms of the base: only predictions there have a '
         'meaning'),
-    'reading set right': _reading_set_right,
+    'reading set right': lambda found: (
+        f'the {found["axis"]} encoder was read whole {found["graduation"]} beside the true '
+        'place, and set right, in '
+        + ', '.join(f'{found["word"]} {row} ({m:+d})' for row, m in found['rows'])),
     'sessions': _sessions,
     'sessions found': lambda found: (
         f'{_sessions(found)}: zeros of their own explain the rows better (--sessions 0 takes them '
@@ -220,7 +200,12 @@ KINDS = {
     'terms of sessions': lambda found: (
         f'each session has its own {", ".join(found.causes)}: they move from session to session '
         '(--own says otherwise)'),
-    'unknown driver held out': _unknown_driver,
-    'runs held out': _runs_held_out,
+    'unknown driver held out': lambda found: (
+        f'held out: {readable(found["effect"])} counts as zero in {found.size} of '
+        f'{found["rows"]} rows, where the {driver_word(found["driver"])} is not known'),
+    'runs held out': lambda found: (
+        f'held out: {found.size} observations of {found["runs"]} runs, '
+        f'{", ".join(found["refitted"])} refitted in each, nothing else; '
+        f'{found["outliers"]} outliers set aside'),
     'rows left out': lambda found: f'{", ".join(found["rows"])} left out: {found["why"]}',
 }

@@ -70,12 +70,6 @@ def _no_angle(found):
             f'{found["rows"]} observations{why} (confidence 1.00)')
 
 
-def _no_zero(found):
-    return (f'{found["axis"]}: {INCREMENTAL} began power-on {found["run"]:.0f} at '
-            f'{_utc(found["since"])} and has no zero on {found["way"]} since: moved by '
-            f'{found.size:+.2f} +- {found.sigma:.2f} arcsec by the {ABSOLUTE} (confidence 1.00)')
-
-
 def _utc(time):
     return datetime.fromtimestamp(time, timezone.utc).strftime('%H:%M:%S UTC')
 
@@ -108,10 +102,6 @@ def _beside_slow(event):
     if event.lead >= 2.0 * np.log(_VERY):
         return f'likelihood ratio to {slow} above {_VERY:.0f}'
     return f'likelihood ratio to {slow} {float(f"{np.exp(0.5 * event.lead):.1g}"):.0f}'
-
-
-def _no_jump(found):
-    return f'{found["axis"]}: nothing jumped: {_SLOW[found["slow"]]} explains the rows as well'
 
 
 def _counts_drift(found):
@@ -161,7 +151,8 @@ _SLOW = {'disc turns': 'a disc that turns on its hub through the night',
          'zero drifts slowly': 'a zero that moves slowly'}
 
 KINDS = {
-    'no jump': _no_jump,
+    'no jump': lambda found: (
+        f'{found["axis"]}: nothing jumped: {_SLOW[found["slow"]]} explains the rows as well'),
     'marks unknown': lambda found: MARKS_UNKNOWN,
     'no second encoder': lambda found: 'no second encoder: nothing to compare with',
     'few stars for the sky': lambda found: (
@@ -172,7 +163,10 @@ KINDS = {
     'homed from the other side': _other_side,
     'counts lost at the mark': _counts_lost,
     'encoder without angle': _no_angle,
-    'power-on without zero': _no_zero,
+    'power-on without zero': lambda found: (
+        f'{found["axis"]}: {INCREMENTAL} began power-on {found["run"]:.0f} at '
+        f'{_utc(found["since"])} and has no zero on {found["way"]} since: moved by '
+        f'{found.size:+.2f} +- {found.sigma:.2f} arcsec by the {ABSOLUTE} (confidence 1.00)'),
     'encoder moved': _encoder_moved,
     'counts drift': _counts_drift,
     'zeros disagree': _zeros_disagree,

@@ -105,11 +105,6 @@ def _undetermined(found):
     return text + '. The model holds near these stars alone: observe other parts of the sky'
 
 
-def _raised_sigma(found):
-    return (f'{found["place"]}: sigma {found["axis"]} {found["given"] / ARCSEC:.3g}″ is far '
-            f'below the others\'; taken as {found["taken"] / ARCSEC:.3g}″, a fifth of their median')
-
-
 def _times_sigmas(found):
     one, *more = [f'{ratio:.2g} times the given sigmas in {axis}'
                   for axis, ratio in found['ratios'].items()]
@@ -178,7 +173,9 @@ def _sigma_of_solver(found):
 #: kind of a `Finding` -> its sentence
 KINDS = {
     'undetermined terms': _undetermined,
-    'raised sigma': _raised_sigma,
+    'raised sigma': lambda found: (
+        f'{found["place"]}: sigma {found["axis"]} {found["given"] / ARCSEC:.3g}″ is far '
+        f'below the others\'; taken as {found["taken"] / ARCSEC:.3g}″, a fifth of their median'),
     'sigmas multiplied': lambda found: (
         f'{_times_sigmas(found)}: these are multiplied by that'),
     'sigmas too large': lambda found: (

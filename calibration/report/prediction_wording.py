@@ -51,17 +51,14 @@ def _reach(found):
         'above 15 degrees')
 
 
-def _better(found):
-    return (f'for prediction alone fit --predict is better: {found.after:.2f} arcsec RMS, '
-            f'cross-validated in blocks of time; this diagnosis {found.before:.2f}. It names no '
-            'cause')
-
-
 KINDS = {
     'prediction': _prediction,
     'reach of a prediction': _reach,
     'prediction by order': lambda found: (
         f'the file has no times: up to {found.size:.2f} arcsec RMS of the model follow the order '
         'of these rows, and hold for them alone'),
-    'better prediction': _better,
+    'better prediction': lambda found: (
+        f'for prediction alone fit --predict is better: {found.after:.2f} arcsec RMS, '
+        f'cross-validated in blocks of time; this diagnosis {found.before:.2f}. It names no '
+        'cause'),
 }

@@ -173,12 +173,6 @@ def _reading_as_good(found):
             f'{found["what"]}')
 
 
-def _better_reading(found):
-    return (f'{found["where"]}{found.causes[0]} would fit to {found.after:.1f} arcsec, the seven '
-            f'terms to {found.before:.1f}. Check the {found["what"]}; an effect beyond the terms '
-            'may do so too')
-
-
 def worst_sentence(document):
     """Whether the effects made the worst row worse, or another row the worst; '' where neither.
 
@@ -354,7 +348,10 @@ KINDS = {
     'outliers together': _cluster,
     'columns alike': lambda found: columns_alike(found.causes),
     'reading as good': _reading_as_good,
-    'better reading': _better_reading,
+    'better reading': lambda found: (
+        f'{found["where"]}{found.causes[0]} would fit to {found.after:.1f} arcsec, the seven '
+        f'terms to {found.before:.1f}. Check the {found["what"]}; an effect beyond the terms '
+        'may do so too'),
     'star measured again': lambda found: (
         f'{found["word"]}s {"; ".join(map(_together_again, found["rows"]))} are repeated '
         'measurements of one star. They stay together in cross-validation. Their '

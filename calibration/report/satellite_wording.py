@@ -38,11 +38,6 @@ def _signed(found):
     return f'{1e3 * found.size:+.1f} ± {1e3 * found.sigma:.1f} ms'
 
 
-def _orbit_wrong(found):
-    return (f'The orbit of {found.causes[0]} is wrong along the track '
-            f'({_percent(found.size)}): its rows are left out')
-
-
 def _pass_left_out(found):
     why = ('most are outliers' if np.isnan(found.size) else
            f'they are {arcsec(found.size / ARCSEC)} from where the others say')
@@ -58,12 +53,6 @@ def _zero_of_power_on(found):
             f'power-on {found["run"]:g} differ: {apart}')
 
 
-def _one_of_these(found):
-    return (f'One of these orbits is wrong along the track: {", ".join(found.causes)} '
-            f'({_percent(found.size)}). The data cannot distinguish them: observe another arc '
-            'of each')
-
-
 def _stamps(found):
     word = 'late' if found.size > 0.0 else 'early'
     scale = f', as if in {found.causes[0]} time' if found.causes[0] and found.size > 0.0 else ''
@@ -72,8 +61,13 @@ def _stamps(found):
 
 
 KINDS = {
-    'orbit wrong': _orbit_wrong,
-    'one orbit of these wrong': _one_of_these,
+    'orbit wrong': lambda found: (
+        f'The orbit of {found.causes[0]} is wrong along the track '
+        f'({_percent(found.size)}): its rows are left out'),
+    'one orbit of these wrong': lambda found: (
+        f'One of these orbits is wrong along the track: {", ".join(found.causes)} '
+        f'({_percent(found.size)}). The data cannot distinguish them: observe another arc '
+        'of each'),
     'pass left out': _pass_left_out,
     'tracks disagree': lambda found: (
         f'The tracks disagree: {found.size:.1f}" are left (RMS), {found.size / found["noise"]:.0f} '
