@@ -149,18 +149,15 @@ class WhiteNoise:
         """Whitened values, shape (..., 2n)."""
         return values * self.root
 
-    def whiten_axis(self, axis, values):
-        """Whitened values of x (0) or y (1), shape (m, n)."""
-        n = values.shape[1]
-        return values * self.root[axis * n:(axis + 1) * n]
-
     def spread(self, values):
         """`values` (..., 2n) such that their squares sum to the variance of values @ noise."""
         return values * _sigma(self.root)
 
     def without(self, rows):
         """The same with some rows (indices of n) set aside."""
-        return WhiteNoise(_set_aside(self.root, rows))
+        root = self.root.copy()
+        root.reshape(2, -1)[:, rows] = 0.0
+        return WhiteNoise(root)
 
     def rows(self, rows):
         """Of some rows (indices of n)."""
@@ -199,7 +196,7 @@ class CorrelatedNoise:
         return self._each(values, self.root, _Differences.whitened)
 
     def whiten_axis(self, axis, values):
-        """As `WhiteNoise.whiten_axis`."""
+        """Whitened values of x (0) or y (1), shape (m, n)."""
         n = values.shape[1]
         part = slice(axis * n, (axis + 1) * n)
         for other, of in self._axes:
@@ -240,10 +237,6 @@ class CorrelatedNoise:
         return float(-2.0 * np.log(plain[plain > 0.0]).sum()
                      + sum(axis.log_det for _, axis in self._axes))
 
-    def without(self, rows):
-        """The same with some rows (indices of n) set aside."""
-        return CorrelatedNoise(_set_aside(self.root, rows), self._sequence, self.memory)
-
     def rows(self, rows):
         """Of some rows (indices of n)."""
         return CorrelatedNoise(self.root.reshape(len(self.memory), -1)[:, rows].ravel(),
@@ -264,12 +257,6 @@ class CorrelatedNoise:
 
 def _sigma(root):
     return 1.0 / np.where(root > 0.0, root, np.inf)
-
-
-def _set_aside(root, rows):
-    root = root.copy()
-    root.reshape(2, -1)[:, rows] = 0.0
-    return root
 
 
 class AxisRows:

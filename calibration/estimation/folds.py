@@ -16,7 +16,6 @@
 
 import numpy as np
 
-from .correlated_noise import WhiteNoise
 from .linear_model import DISTINCT
 
 #: part of a direction of the columns that rows beside a fold must determine, to be predicted by the
@@ -114,7 +113,7 @@ def cross_validate_quickly(problem, chosen, noise, partitions):
     ----------
     problem : SelectionProblem
     chosen : list of CandidateGroup
-    noise : WhiteNoise or CorrelatedNoise
+    noise : WhiteNoise
     partitions : sequence of list of ndarray of int
         Folds.
 
@@ -123,9 +122,8 @@ def cross_validate_quickly(problem, chosen, noise, partitions):
     list of ndarray, shape (2, n)
         Radians; of rows without weight they may be 0.
     """
-    design, basis = problem.design(chosen), None
-    if not design.groups and isinstance(noise, WhiteNoise):
-        basis = design.basis(noise)
+    design = problem.design(chosen)
+    basis = None if design.groups else design.basis(noise)
     return [_fold_by_fold(problem, chosen, noise, folds) if basis is None or (
         out := _without_each(basis, noise, problem.b, folds)) is None else out
         for folds in partitions]
