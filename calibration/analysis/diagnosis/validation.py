@@ -182,7 +182,8 @@ def _repeated(problem, chosen, choices):
     """How often the same effects were chosen, and each, and others, for `CrossValidation`."""
     every = [[c.effect(problem) for c in some] for some in choices]
     own = {c.effect(problem).line: c.effect(problem).name for c in chosen}
-    counts = Counter(line for some in every for line in {e.line for e in some})
+    # in order: a set of names has another one in each process
+    counts = Counter(line for some in every for line in dict.fromkeys(e.line for e in some))
     others = {e.line: e.name for some in every for e in some if e.line not in own}
     return {'folds': len(choices),
             'same_choice': sum({e.line for e in some} == set(own) for some in every),
