@@ -21,7 +21,7 @@ from typing import NamedTuple
 import yaml
 
 from .chunks import NEVER
-from .ros_schema import Loader, dump_yaml
+from .ros_schema import MAX_NESTING, Loader, dump_yaml
 
 METADATA_VERSION = 9
 METADATA_FILE = 'metadata.yaml'
@@ -129,7 +129,7 @@ def listed_files(folder):
     try:
         if path.stat().st_size > MAX_SIZE:
             return {}, f'{METADATA_FILE} has more than {MAX_SIZE} bytes'
-        root = _tree(yaml.parse(path.read_text(encoding='utf-8'), Loader=Loader))
+        root = next(iter(_tree(yaml.parse(path.read_text(encoding='utf-8'), Loader=Loader))), None)
     except FileNotFoundError:
         return {}, f'{METADATA_FILE} is missing'
     except (yaml.YAMLError, ValueError) as error:
@@ -161,30 +161,20 @@ def _entry(tree, key, kind=dict):
     return value if isinstance(value, kind) else kind()
 
 
-def _tree(events):
-    """Dicts, lists and str of YAML events: foreign nesting and types cannot hurt."""
-    root = []
-    stack = [(root, None)]  # what is open, and the key under which the next value comes
-
-    def put(value):
-        above, key = stack[-1]
-        if isinstance(above, list):
-            above.append(value)
-        elif key is None:
-            stack[-1] = above, value if isinstance(value, str) else ''
-        else:
-            above[key] = value
-            stack[-1] = above, None
-
+def _tree(events, depth=0):
+    """Lists of dicts, lists and str of YAML events: foreign nesting and types cannot hurt."""
+    if depth > MAX_NESTING:
+        raise ValueError('nested too deep')
+    values = []
     for event in events:
-        if isinstance(event, yaml.CollectionStartEvent):
-            if len(stack) > 20:
-                raise ValueError('nested too deep')
-            value = {} if isinstance(event, yaml.MappingStartEvent) else []
-            put(value)
-            stack.append((value, None))
-        elif isinstance(event, yaml.CollectionEndEvent):
-            stack.pop()
+        if isinstance(event, yaml.CollectionEndEvent):
+            break
+        if isinstance(event, yaml.SequenceStartEvent):
+            values.append(_tree(events, depth + 1))
+        elif isinstance(event, yaml.MappingStartEvent):
+            pairs = _tree(events, depth + 1)
+            keys = (key if isinstance(key, str) else '' for key in pairs[::2])
+            values.append(dict(zip(keys, pairs[1::2])))
         elif isinstance(event, (yaml.ScalarEvent, yaml.AliasEvent)):
-            put(getattr(event, 'value', ''))
-    return root[0] if root else None
+            values.append(getattr(event, 'value', ''))
+    return values
