@@ -179,4 +179,5 @@ def number(text, path, line, what):
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f'{path}, line {line}: {text.strip()!r} is no {what}') from None
+        cut = '' if text.strip() else '; is the file cut off here?'
+        raise ValueError(f'{path}, line {line}: {text.strip()!r} is no {what}{cut}') from None

@@ -161,19 +161,7 @@ def _date(line, path, at):
 
 
 def _numbers(line, path, at, what):
-    try:
-        return [float(line[part]) for part in _SPLIT]
-    except ValueError:
-        bad = next(line[part].strip() for part in _SPLIT if not _is_number(line[part]))
-        raise ValueError(f'{path}, line {at}: {bad!r} is no {what}' + (
-            '; is the file cut off here?' if not bad else '')) from None
-
-
-def _is_number(text):
-    try:
-        return np.isfinite(float(text))
-    except ValueError:
-        return False
+    return [number(line[part], path, at, what) for part in _SPLIT]
 
 
 ORBIT_FORMATS = (OrbitFormat('SP3', looks_like, read),)
