@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import yaml
 
+from ..whole_files import write_text
 from .chunks import NEVER
 from .ros_schema import MAX_NESTING, Loader, dump_yaml
 
@@ -90,12 +91,7 @@ def information(topics, files, custom_data):
 
 def write_metadata(folder, info):
     """Put metadata.yaml in place in one step, on the disk."""
-    temporary = folder / f'.{METADATA_FILE}.tmp'
-    with open(temporary, 'w', encoding='utf-8') as stream:
-        stream.write(dump_yaml({'rosbag2_bagfile_information': info}))
-        stream.flush()
-        os.fsync(stream.fileno())
-    os.replace(temporary, folder / METADATA_FILE)
+    write_text(folder / METADATA_FILE, dump_yaml({'rosbag2_bagfile_information': info}))
     sync_folder(folder)
 
 

@@ -30,7 +30,6 @@ PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg
 #: what else writes files: none of them an output that a command is asked for, or one that grows
 OTHERS = {
     'msg_tools/bag/chunks.py': 'a log grows; cut short it is readable',
-    'msg_tools/bag/metadata.py': 'beside and put in place, and on the disk with its folder',
     'telescope_mount/observing/night_file.py': 'grows by lines',
     'telescope_mount/plate_solver/folder.py': 'grows by lines',
     'telescope_mount/processes.py': 'parameters of nodes, made for each night',
