@@ -23,8 +23,10 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-from msg_tools import NAMESPACE
+from msg_tools import NAMESPACE, topics
+from msg_tools.convert import from_stamp
 from msg_tools.status_rows import Progress
+from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from telescope_mount.observing.plan import night_plan, parse_plan
 
 from . import domain
@@ -291,27 +293,20 @@ def _results(watcher, specs, plan, write, bag):
 
 def _with_all_rows(latest, bag):
     """`latest` with the rows that the observer does not keep any more, as the logs have them."""
-    from msg_tools.convert import from_stamp
-    from msg_tools.topics import OBSERVATIONS
-    from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
-
     from .run_loader import with_rows_before
-    table = latest[OBSERVATIONS.name]
+    table = latest[topics.OBSERVATIONS.name]
     run = with_rows_before(cloud_to_run(table), Path(bag).parent)
-    return {**latest, OBSERVATIONS.name: run_to_cloud(run, from_stamp(table.header.stamp))}
+    return {**latest, topics.OBSERVATIONS.name: run_to_cloud(run, from_stamp(table.header.stamp))}
 
 
 def _progress(watcher):
     """How far the observer is."""
-    from msg_tools.topics import OBSERVER_STATUS
-    return Progress.read(watcher.latest.get(OBSERVER_STATUS.name))
+    return Progress.read(watcher.latest.get(topics.OBSERVER_STATUS.name))
 
 
 def _watch(watcher, nodes, plan, progress, stall=STALL, hold_up=None, note=None):
     """Follow the observer until the plan is done."""
     from diagnostic_msgs.msg import DiagnosticStatus
-
-    from msg_tools import topics
     total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
     waits, shown, refused, hinted, log = ('', since), '', 0, note is None, ''
@@ -376,7 +371,6 @@ def _without_answer(watcher, nodes):
 
 def _complete(watcher, plan):
     """Whether all results are here: "done" may overtake them on its own topic."""
-    from msg_tools import topics
     verbs = [step.verb for step in parse_plan(plan)]
     latest = watcher.latest
     table = latest.get(topics.OBSERVATIONS.name)
@@ -395,7 +389,6 @@ def _complete(watcher, plan):
 
 def _diagnosed(latest, compared):
     """Whether the diagnosis is here, and the report that came with it."""
-    from msg_tools import topics
     if topics.DIAGNOSIS.name not in latest:
         return False
     diagnosis, report = (json.loads(latest[name].data) for name in (
@@ -406,8 +399,6 @@ def _diagnosed(latest, compared):
 
 def _up_to_date(latest, verbs):
     """Whether report and model are those of the last fit, and not of an earlier one."""
-    from msg_tools import topics
-    from pointing_model.runs.run_messages import cloud_to_run
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     if 'time' not in run:  # a measured run, and one step of each kind
         return True
