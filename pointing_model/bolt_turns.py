@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.mounts import unit_vector
+from pointing_model.mounts import ALTAZ, unit_vector
 
 from .alignment import axis_at
 
@@ -83,9 +83,7 @@ def _horizon(place):
 
 
 def _tangents(place):
-    az, el = _horizon(place)
-    return np.array([[np.cos(az), -np.sin(az), 0.0],
-                     [-np.sin(el) * np.sin(az), -np.sin(el) * np.cos(az), np.cos(el)]])
+    return np.array(ALTAZ.tangents(*_horizon(place)))
 
 
 def axis_of_arc(images, latitude, refraction=0.0):

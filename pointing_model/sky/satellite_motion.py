@@ -100,7 +100,7 @@ def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     velocity = (turned(orbit.itrf(time, _STEP - late), -TURN_RATE * _STEP)
                 - turned(orbit.itrf(time, -_STEP - late), TURN_RATE * _STEP)) / (2.0 * _STEP)
     pole = np.cross(place, velocity)
-    east_up = _tangents(az, el)
+    east_up = ALTAZ.tangents(az, el)
 
     def by_metre(direction):
         enu = horizon_axes(site) @ (direction / np.linalg.norm(direction, axis=1)[:, None]).T
@@ -111,9 +111,3 @@ def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     return SatelliteMotion(
         *here, distance, np.linalg.norm(velocity, axis=1), rate('rest'),
         rate('time_bias'), by_metre(pole), by_metre(place))
-
-
-def _tangents(az, el):
-    """Along azimuth and elevation, each (east, north, up), shape (3, n)."""
-    return (np.array([np.cos(az), -np.sin(az), 0.0 * az]),
-            np.array([-np.sin(el) * np.sin(az), -np.sin(el) * np.cos(az), np.cos(el)]))
