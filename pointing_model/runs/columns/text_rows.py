@@ -223,6 +223,12 @@ def is_number(text):
     return True
 
 
+def commented_rows(lines, is_row):
+    """Numbers of the lines that were taken back by a ``#`` before them: `is_row` of their words."""
+    return [number for number, line in enumerate(lines, 1) if line.lstrip().startswith('#')
+            and is_row(line.lstrip().lstrip('# ').split())]
+
+
 def usual_width(body):
     """Words of most lines of (line number, text), but for those that begin with ``#``."""
     lines = [line for _, line in body if not line.startswith('#')] or [line.lstrip('# ')

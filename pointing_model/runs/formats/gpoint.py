@@ -24,7 +24,7 @@ from pointing_model.mounts import ALTAZ
 
 from ..columns.declarations import declarations
 from ..columns.run_table import NoObservations, RunFormat, RunTable, content
-from ..columns.text_rows import YEAR_1900, YEAR_2100, WordRows, is_number
+from ..columns.text_rows import YEAR_1900, YEAR_2100, WordRows, commented_rows, is_number
 
 _SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
 _TOP = 30  # lines in which the site is
@@ -117,19 +117,14 @@ def read(path, lines):
             'el_enc': (values['DEC-MNT'] + 180.0) % 360.0 - 180.0}
         meta |= {'sidereal_clock': True, 'mount_declared': 'german'}
         meta['notes'].append('time: of the sidereal clock')
+
+    def unsolved(words):
+        """An image without a WCS, which RTS2 writes behind a comment sign."""
+        return len(words) == len(names) and all(map(is_number, words[1:]))
+
     return RunTable(columns, rows.lines, meta, rows.reasons,
-                    commented=_unsolved(lines, len(names)),
+                    commented=commented_rows(lines, unsolved),
                     names=ALTAZ.names if altaz else KINDS['equatorial'])
-
-
-def _unsolved(lines, width):
-    """Lines of images without a WCS, which RTS2 writes behind a comment sign."""
-    out = []
-    for number, line in enumerate(lines, 1):
-        words = line.lstrip('# ').split() if line.lstrip().startswith('#') else []
-        if len(words) == width and all(map(is_number, words[1:])):
-            out.append(number)
-    return out
 
 
 def _time(rows, dates):

@@ -22,7 +22,7 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
 from ..columns.run_table import RunFormat, RunTable, content
-from ..columns.text_rows import WordRows, is_number, usual_width
+from ..columns.text_rows import WordRows, commented_rows, is_number, usual_width
 
 #: a name holds a time stamp, to the second or finer
 _NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')
@@ -86,19 +86,12 @@ def read(path, lines):
     if 'equinox' not in value:
         meta['notes'].append('the log has no column of the equinox: solved places taken as J2000')
     table = RunTable(columns, rows.lines, meta, rows.reasons,
-                     commented=_commented(lines), names=KINDS['equatorial'])
+                     commented=commented_rows(lines, _is_row), names=KINDS['equatorial'])
     for name, allowed, words in (('rotation', (0.0, 180.0), '0 or 180'),
                                  ('equinox', (2000.0,), '2000')):
         for i in np.flatnonzero(~np.isin(value.get(name, allowed[0]), allowed)):
             table.exclude_row(i, f'{name}: {value[name][i]:g} is not {words}')
     return table
-
-
-def _commented(lines):
-    """Numbers of the rows that were taken back by a # before them."""
-    rows = ((number, line.lstrip().removeprefix('#').split())
-            for number, line in enumerate(lines, 1) if line.lstrip().startswith('#'))
-    return [number for number, row in rows if _is_row(row)]
 
 
 FORMAT = RunFormat('a log of the UNAM control system', looks_like, read,
