@@ -28,6 +28,7 @@ are reversed on the sky. Gravity pulls along the vertical of the ground, whateve
 
 from dataclasses import dataclass
 
+import erfa
 import numpy as np
 
 from msg_tools.units import wrap
@@ -224,15 +225,8 @@ class MountErrors:
 
 def _about(axis, angle):
     """Rotation matrices about axis 0, 1 or 2, right-handed, shape (..., 3, 3)."""
-    angle = np.asarray(angle, dtype=float)
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    out = np.zeros((*angle.shape, 3, 3))
-    out[..., axis, axis] = 1.0
-    out[..., i, i] = out[..., j, j] = c
-    out[..., i, j] = -s
-    out[..., j, i] = s
-    return out
+    turn = (erfa.ufunc.rx, erfa.ufunc.ry, erfa.ufunc.rz)[axis]
+    return turn(-np.asarray(angle), np.eye(3))
 
 
 def _by_vector(vector):
