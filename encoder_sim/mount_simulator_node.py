@@ -19,9 +19,8 @@ import time
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
-from rosgraph_msgs.msg import Clock as ClockMessage
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
@@ -88,7 +87,6 @@ class MountSimulator(ManagedNode):
         self.serve('home', self._home, once=True)
         # wall time in which an answer would have been heard: others in this process may take long
         self._awake, self._looked = 0.0, time.monotonic()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         if self._live:
             self._began = time.monotonic()
             self._sample = 0
@@ -96,7 +94,7 @@ class MountSimulator(ManagedNode):
             self._period = 1.0 / self.value('sample_rate_hz') / self.value('time_scale')
         else:
             self._period = LOOK
-        self.create_timer(self._period, self._tick if self._live else self._idle, clock=steady)
+        self.every(self._period, self._tick if self._live else self._idle)
 
     # --- commands -----------------------------------------------------------------------------
 
@@ -261,7 +259,7 @@ class MountSimulator(ManagedNode):
     def _set_clock(self, now):
         self._time = max(self._time, now)
         self._clock_pub.publish(
-            ClockMessage(clock=convert.to_stamp(self._start + round(self._time * 1e9))))
+            Clock(clock=convert.to_stamp(self._start + round(self._time * 1e9))))
 
     def deactivated(self):
         """Stand still where the axes are."""

@@ -18,8 +18,7 @@ import time
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
-from rosgraph_msgs.msg import Clock as ClockMessage
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
@@ -146,8 +145,7 @@ class RunPlayer(MountNode):
         self._reports = self.graph_reports()
         self._steps = Steps(self._ended)
         self._steps.start(self._play())
-        self._timer = self.create_timer(0.02, self._advance,
-                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = self.every(0.02, self._advance)
 
     def _on_calibration(self, message):
         self._calibrated = Taken.read(message)
@@ -189,7 +187,7 @@ class RunPlayer(MountNode):
 
     def _publish(self, row):
         stamp = int(self._stamps[row])
-        self._clock_pub.publish(ClockMessage(clock=convert.to_stamp(stamp)))
+        self._clock_pub.publish(Clock(clock=convert.to_stamp(stamp)))
         self._observation_pub.publish(run_to_cloud(self._run.select([row]), stamp))
         self._sent += 1
 

@@ -22,7 +22,7 @@ import time
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -140,8 +140,7 @@ class StarObserver(MountNode):
                 on_clock_change=False), post_callback=self._clock_back)
         self.every(0.5, self._look)
         # steady: the observer must see a time-out while simulated time stands still
-        self.create_timer(0.05, self._sequencer.advance,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.every(0.05, self._sequencer.advance)
 
     def check_together(self, values):
         """The limits of elevation must leave some sky."""
