@@ -28,6 +28,10 @@ from .tracking_star import SlewTime, error_over, next_star, until
 
 #: stars among which it chooses, and what a star takes beside its slew and exposure, s
 CANDIDATES, EXPOSURE = 40, 10.0
+#: no star is waited for longer, s: what jumps is only seen by a star
+LONGEST_WAIT = 1800.0
+#: the pointing is held within this part of the goal: the star that mends it takes its time too
+RESERVE = 0.9
 _MINUTE = 60_000_000_000  # ns
 
 
@@ -64,16 +68,17 @@ def hold_error(night, step):
             raise CallRefused(str(err)) from None
         stars = night.fresh_stars(CANDIDATES, again=True)
         places = _places(night, stars)
-        due = model.stamp + round(next_time(model, step.goal, *places) * 1e9)
+        due = model.stamp + round(until(model, places, RESERVE * step.goal, LONGEST_WAIT) * 1e9)
         exposer.earliest = max(due, exposer.now())
         if exposer.earliest >= end:
             expected = error_over(model, places, (end - model.stamp) * 1e-9) / ARCSEC
             return (f'{len(table) - before} stars in {step.count:.0f} minutes held the expected '
                     f'error; it is {expected:.2f} arcsec at the end, of {step.goal / ARCSEC:g}')
         waited = (exposer.earliest - model.stamp) * 1e-9
-        chosen = choose_next(model, *places, night.instruments.here,
-                             EXPOSURE + night.out.value('exposure_s'), waited,
-                             night.out.value('slew_rate_deg_s') * DEG)
+        rate = night.out.value('slew_rate_deg_s') * DEG
+        chosen = next_star(model, *places, night.instruments.here, places, waited,
+                           sigma=model.noise, slew=SlewTime((rate, rate)),
+                           exposure_s=EXPOSURE + night.out.value('exposure_s'))
         star = stars[chosen.row]
         night.announce(f'{star.name}: {chosen.sentence()}')
         yield from night.observe(star, fresh=True)
@@ -84,12 +89,6 @@ def _places(night, stars):
     now, mount = np.array([night.exposer.now() * 1e-9]), night.out.mount()
     return np.array([mount.axes_of(*(v[0] for v in star.place(now, *night.out.sky())))
                      for star in stars]).T
-
-
-#: no star is waited for longer, s: what jumps is only seen by a star
-LONGEST_WAIT = 1800.0
-#: the pointing is held within this part of the goal: the star that mends it takes its time too
-RESERVE = 0.9
 
 
 class TrackedModel:
@@ -143,42 +142,3 @@ class TrackedModel:
         columns = self.columns(np.atleast_1d(az), np.atleast_1d(el))
         return SimpleNamespace(radial=np.sqrt(np.einsum(
             'pij,jk,pik->p', columns, self.ahead(seconds_ahead), columns)))
-
-
-def next_time(model, goal, az, el):
-    """How long after the last star the next one is due, s.
-
-    Parameters
-    ----------
-    model : TrackedModel
-    goal : float
-        Radial RMS over the places, rad.
-    az, el : ndarray, shape (p,)
-        That matter, by the axes, rad.
-    """
-    return until(model, (az, el), RESERVE * goal, LONGEST_WAIT)
-
-
-def choose_next(model, az, el, here, exposure, waited, rate):
-    """The star that helps the pointing over all candidates most for its time.
-
-    Parameters
-    ----------
-    model : TrackedModel
-    az, el : ndarray, shape (n,)
-        Candidates by the axes, rad; they stand for the sky too.
-    here : (float, float)
-        Where the axes are, rad.
-    exposure : float
-        With readout and centring, s.
-    waited : float
-        Since the last star, s.
-    rate : float
-        Of either axis in a slew, rad/s.
-
-    Returns
-    -------
-    tracking_star.NextStar
-    """
-    return next_star(model, az, el, here, (az, el), waited, sigma=model.noise,
-                     exposure_s=exposure, slew=SlewTime((rate, rate)))

@@ -27,7 +27,8 @@ from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.zero import PowerOnZero
 from telescope_mount.observing.plan import parse_plan
-from telescope_mount.observing.tracking_step import TrackedModel, choose_next, next_time
+from telescope_mount.observing.tracking_star import SlewTime, next_star, until
+from telescope_mount.observing.tracking_step import LONGEST_WAIT, RESERVE, TrackedModel
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)),
                       np.eye(7) * (0.3 * ARCSEC)**2)
@@ -43,18 +44,19 @@ def test_the_error_grows_until_a_star_is_due():
     az, el = np.linspace(0.0, 6.0, 12), np.full(12, 0.8)
     error = [np.sqrt(np.mean(model.expected(az, el, s).radial**2)) for s in (0.0, 600.0, 3600.0)]
     assert error[0] < error[1] < error[2]
-    due = next_time(model, 1.5 * ARCSEC, az, el)
+    due = until(model, (az, el), RESERVE * 1.5 * ARCSEC, LONGEST_WAIT)
     at = np.sqrt(np.mean(model.expected(az, el, due).radial**2)) / ARCSEC
     assert at == pytest.approx(0.9 * 1.5, abs=0.01)
-    assert next_time(model, 100.0 * ARCSEC, az, el) == 1800.0
-    assert next_time(model, 0.1 * ARCSEC, az, el) == 0.0
+    assert until(model, (az, el), 100.0 * ARCSEC, LONGEST_WAIT) == 1800.0
+    assert until(model, (az, el), 0.1 * ARCSEC, LONGEST_WAIT) == 0.0
 
 
 def test_a_star_that_is_far_costs_its_slew():
     model = TrackedModel(tracked()[1])
     az, el = np.array([0.1, 3.0]), np.full(2, 45.0 * DEG)
     for here in (0.1, 3.0):
-        chosen = choose_next(model, az, el, (here, 45.0 * DEG), 10.0, 600.0, 1.0 * DEG)
+        chosen = next_star(model, az, el, (here, 45.0 * DEG), (az, el), 600.0, sigma=model.noise,
+                           slew=SlewTime((1.0 * DEG, 1.0 * DEG)))
         assert az[chosen.row] == here and chosen.after < chosen.before
 
 
