@@ -26,6 +26,7 @@ import erfa
 import numpy as np
 
 from .earth import DAY, MJD_1970, earth_orientation, split_utc, terrestrial
+from .orbits.time_scales import leap_seconds
 
 #: Elements of the satellite that paper 000 tracked (NORAD 26690, USA 156), 2013 day 264.
 GPS_26690 = (
@@ -106,7 +107,7 @@ class Satellite:
             SGP4 cannot go that far from the epoch.
         """
         time = np.asarray(time, float)
-        elapsed = (time - self.epoch + _leap_seconds(time) - _leap_seconds(self.epoch)) / DAY
+        elapsed = (time - self.epoch + leap_seconds(time) - leap_seconds(self.epoch)) / DAY
         start = np.full(elapsed.size, self.record.jdsatepoch)
         error, position, velocity = self.record.sgp4_array(
             start, self.record.jdsatepochF + elapsed.ravel())
@@ -268,11 +269,3 @@ def _pair(line1, line2, row):
     if error or not satellite.record.no_kozai > 0.0:
         raise ValueError(f'two-line elements: lines {row} and {row + 1} describe no orbit')
     return satellite
-
-
-def _leap_seconds(time):
-    """TAI - UTC up to a constant, to count seconds that POSIX time does not."""
-    utc = split_utc(time)
-    tai = erfa.ufunc.utctai(*utc)
-    mjd = (tai[0] - erfa.DJM0 - MJD_1970) + tai[1]
-    return np.round(mjd * DAY - np.asarray(time, float), 3)
