@@ -183,7 +183,8 @@ def _terrestrial(frame, whole, rest, places, rates):
     pole = erfa.ufunc.pom00(orientation.xp, orientation.yp, erfa.ufunc.sp00(*tt))
     if frame == 'TEME':
         # the pole of date, and the equinox of GMST 1982 (Vallado et al., AIAA 2006-6753)
-        matrix = erfa.ufunc.rxr(pole, _about_z(erfa.ufunc.gmst82(*ut1)))
+        turn = erfa.ufunc.rz(erfa.ufunc.gmst82(*ut1), np.eye(3))
+        matrix = erfa.ufunc.rxr(pole, turn)
     else:
         # EME2000 is the mean equator and equinox of J2000, beside GCRS by the frame bias
         to_mean = erfa.bp00(erfa.DJ00, 0.0)[0]
@@ -194,12 +195,6 @@ def _terrestrial(frame, whole, rest, places, rates):
         rates = np.einsum('nij,nj->ni', matrix, rates) - TURN_RATE * np.stack(
             (-places[:, 1], places[:, 0], 0.0 * time), axis=1)
     return places, rates
-
-
-def _about_z(angle):
-    cos, sin, zero = np.cos(angle), np.sin(angle), 0.0 * angle
-    return np.stack([np.stack([cos, sin, zero], -1), np.stack([-sin, cos, zero], -1),
-                     np.stack([zero, zero, zero + 1.0], -1)], -2)
 
 
 ORBIT_FORMATS = (OrbitFormat('OEM', looks_like, read),)
