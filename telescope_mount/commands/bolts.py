@@ -14,6 +14,7 @@
 
 """The command ``bolts``: which bolt, shim or foot of a mount to move, which way, how far."""
 
+import argparse
 from pathlib import Path
 
 from . import options
@@ -66,7 +67,6 @@ def add(commands):
 
 
 def _numbers(text, least, most, words):
-    import argparse
     try:
         values = [float(part) for part in text.split(',')]
     except ValueError:
@@ -79,18 +79,14 @@ def _numbers(text, least, most, words):
 def _pair(text):
     values = _numbers(text, 2, 2, 'AZ,ALT in arcmin, as 31,44')
     if not min(values) > 0.0:
-        import argparse
         raise argparse.ArgumentTypeError(f'{text!r}: a turn moves more than nothing')
     return values
 
 
 def _feet(text):
-    values = [*_numbers(text, 1, 3, 'RADIUS,N,AZIMUTH, as 1200,3,0'), 3.0, 0.0]
-    radius, count, first = values[0], values[1], values[2] if text.count(',') > 1 else 0.0
-    if text.count(',') == 0:
-        count, first = 3.0, 0.0
+    given = _numbers(text, 1, 3, 'RADIUS,N,AZIMUTH, as 1200,3,0')
+    radius, count, first = *given, *(3.0, 0.0)[len(given) - 1:]
     if not radius > 0.0 or count < 3 or count != int(count) or count > 1000:
-        import argparse
         raise argparse.ArgumentTypeError(f'{text!r}: a radius in mm, and three feet or more')
     return radius, int(count), first
 
