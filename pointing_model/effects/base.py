@@ -380,7 +380,8 @@ _DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the star
 #: last motion of an axis in words
 SIDES = {f'approach_{axis}': dict(zip((-1, 1), words))
          for axis, words in zip(AXES, KINDS[USUAL].sides)}
-_ANGLES = {key for names in KINDS.values() for key in names.keys}
+#: angles of the axes by their names in any mount: always known
+DIRECTION = {key for names in KINDS.values() for key in names.keys}
 #: of the second angle, by what either axis is called in names
 _LETTERS = {key: names.letters[1] for names in KINDS.values() for key in names.keys}
 _TIMES = {1: 'once', 2: 'twice'}
@@ -407,7 +408,7 @@ def the(name):
 
 def driver_word(name):
     """A driver in words."""
-    return _DRIVER_WORDS.get(name, name.replace('_', ' ') if name in _ANGLES else name)
+    return _DRIVER_WORDS.get(name, name.replace('_', ' ') if name in DIRECTION else name)
 
 
 def readable(name):

@@ -18,15 +18,14 @@ import numpy as np
 
 from pointing_model.mount_kinds import KINDS, USUAL
 
-from .base import Effect, driver_word, effect, for_mount, form, the
+from .base import DIRECTION, Effect, driver_word, effect, for_mount, form, the
+from .drifts import clock, several_runs
 
 _TURN = 2.0 * np.pi
 _LONG_WAVE = np.pi / 4.0  # rad, beyond which a wave is reported as a curve
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only
-_WAVY = (*(key for names in KINDS.values() for key in names.keys), 'time', 'order')
+_WAVY = (*DIRECTION, 'time', 'order')
 _SECOND = {names.keys[1] for names in KINDS.values()}
-#: always known
-_DIRECTION = {key for names in KINDS.values() for key in names.keys}
 
 
 @form
@@ -71,14 +70,14 @@ def _smooth(axis, driver, shape, factor='1', within=None, mount=USUAL, **numbers
                       f', and what repeats each {_size(driver, numbers["period"])} of it: teeth '
                       'of a gear, rollers, joints of a tape' if shape == 'sawtooth' else ''),
                   shape_wording, f'something that changes with {the(driver)} little by little',
-                  requires=() if driver in _DIRECTION else (driver,), kind='smooth',
+                  requires=() if driver in DIRECTION else (driver,), kind='smooth',
                   # a bump and a sawtooth have a place and a width
                   scan=scan, scanned=1 if wave else 2, share='curves')
 
 
 def _size(driver, value):
     """A part of a driver in its unit."""
-    if driver in _DIRECTION:
+    if driver in DIRECTION:
         return f'{np.degrees(value):.1f}°'
     if driver == 'order':
         return f'{100.0 * value:.0f} % of the run'
@@ -91,12 +90,12 @@ def _shape_wording(driver, shape, numbers):
         return f'a sawtooth of {the(driver)} with a period of {_size(driver, numbers["period"])}'
     if shape == 'bump':
         return (f'a bump at {driver_word(driver)} {_size(driver, numbers["centre"])}, '
-                f'{_size(driver, 2.0 * numbers["width"])} wide' if driver in _DIRECTION
+                f'{_size(driver, 2.0 * numbers["width"])} wide' if driver in DIRECTION
                 else f'a bump of {the(driver)}')
     if shape == 'fourier' and len(numbers['orders']) in (1, 3) and numbers['orders'][0] != 1:
         period = numbers['period'] / numbers['orders'][0]
         # the period is one of those tried; of a long one the rows see no second wave
-        if driver not in _DIRECTION or period <= _LONG_WAVE:
+        if driver not in DIRECTION or period <= _LONG_WAVE:
             return f'a wave of {the(driver)} with a period of about {_size(driver, period)}'
     return f'a smooth curve of {the(driver)}'
 
@@ -150,19 +149,17 @@ def smooths(context):
     list of Effect
         None of the order of the rows for several runs: a place in one is none in another.
     """
-    clock = 'time' if context.get('time') is not None else 'order'
     first, second = context.mount.names.keys
     # gravity follows the elevation, whatever the axes are
     above = () if context.mount.vertical else ('elevation',)
-    drivers = [first, second, *above, clock,
+    drivers = [first, second, *above, clock(context)[0],
                *(['run_hours'] if context.several_nights() else []),
                'temperature', 'magnitude', *context.extra()]
-    run = context.get('run')
-    several = run is not None and len(np.unique(run)) > 1
     out = []
     for driver in drivers:
         values, reason = context.span(driver)
-        if reason or len(np.unique(values)) < 12 or (driver == 'order' and several):
+        if reason or len(np.unique(values)) < 12 or (
+                driver == 'order' and several_runs(context)):
             continue
         for axis, factor in (('az', 'cosE'), ('az', '1'), ('el', '1')):
             out += _driver_smooths(axis, driver, factor, values, driver == first)

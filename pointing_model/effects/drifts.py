@@ -176,8 +176,8 @@ def clock(context):
     return ('time', _HOUR) if context.get('time') is not None else ('order', 1.0)
 
 
-def _runs(context):
-    """The numbers of several runs."""
+def several_runs(context):
+    """The numbers of the runs; none of a single one."""
     runs = context.get('run')
     runs = [] if runs is None else np.unique(runs).tolist()
     return runs if len(runs) > 1 else []
@@ -201,7 +201,7 @@ def propose(context, lacking, own):
                     lambda v: _drifts('run_hours', 1.0, v))
     yield offer('drift', 'drift with temperature', context, 'temperature',
                 lambda v: _drifts('temperature', 1.0, v))
-    runs = _runs(context)
+    runs = several_runs(context)
     yield Offer('run_zero', [effect('run_zero', axis=axis, runs=runs) for axis in AXES] if runs
                 else [])
 
@@ -221,7 +221,7 @@ def steps(context, limit=32):
         without times: a place in the order of one run is none in another.
     """
     driver, _ = clock(context)
-    if driver == 'order' and _runs(context):
+    if driver == 'order' and several_runs(context):
         return []
     between = even_sample(places_of_steps(context, driver), limit)
     return for_mount([effect('step', axis=axis, at=float(t), driver=driver)

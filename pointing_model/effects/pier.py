@@ -25,6 +25,7 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 
 from .base import (
+    DIRECTION,
     FEWEST_ON_A_SIDE,
     Effect,
     Offer,
@@ -37,7 +38,6 @@ from .base import (
     to_document,
 )
 
-_DIRECTION = {key for names in KINDS.values() for key in names.keys}
 _DEGREES = (1, 2)
 #: what knows no side: the clock and the site; what differs so is a zero or a lean of the axes
 _SAME_ON_BOTH = ('clock', 'latitude')
@@ -130,7 +130,7 @@ def _by_counterweight(of, play):
 
 def direct(effect):
     """Whether an effect follows nothing but the direction, and the side of the pier."""
-    return effect.kind == 'effect' and effect.driver in _DIRECTION and effect.scan is None
+    return effect.kind == 'effect' and effect.driver in DIRECTION and effect.scan is None
 
 
 @form

@@ -25,7 +25,7 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
-from .drifts import clock
+from .drifts import clock, several_runs
 
 #: slips, at least: fewer are steps; share of the slews, at most; lengths tried between them
 _FEWEST, _MOST, _TRIED = 3, 0.7, 40
@@ -75,10 +75,9 @@ def propose(context, lacking, own):
     for axis, word in AXES.items():
         way = context.get(f'slew_{axis}')
         reason = None
-        run = context.get('run')
         if way is None or when is None:
             reason = 'the slews are not known'
-        elif driver == 'order' and run is not None and len(np.unique(run)) > 1:
+        elif driver == 'order' and several_runs(context):
             reason = 'the order of several runs is none'
         yield Offer('slips', [] if reason else _of_lengths(axis, way, when, driver),
                     f'slips of slews in {word}', reason, axis)
