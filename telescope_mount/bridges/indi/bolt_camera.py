@@ -26,7 +26,7 @@ from pointing_model.runs.plate_solves.solvers import NotSolved
 from pointing_model.sky.places import sidereal_time
 from pointing_model.sky.site import Site
 
-from .client import PATIENCE, IndiClient, IndiError
+from .client import IndiClient, IndiError
 from .indi_camera import IndiCamera
 from .indi_telescope import IndiTelescope, find_device
 
@@ -80,9 +80,6 @@ class BoltCamera:
     def __enter__(self):
         self._client.start()
         try:
-            self._client.wait(lambda: self._client.connected,
-                              f'no INDI server at {self._client.host}:{self._client.port}',
-                              PATIENCE)
             self._telescope = telescope = IndiTelescope(self._client, find_device(self._client))
             telescope.connect()
             self._camera.connect()
