@@ -133,9 +133,9 @@ def to_icrs(ra, dec, frame, time):
         return np.mod(ra, 2.0 * np.pi), dec
     if frame.equinox is not None:
         moments = erfa.ufunc.epj2jd(frame.equinox)
-    turned = np.linalg.matrix_transpose(erfa.ufunc.pmat06(*moments)) @ _vector(ra, dec)
-    x, y, z = np.moveaxis(turned[..., 0], -1, 0)
-    return np.mod(np.arctan2(y, x), 2.0 * np.pi), np.arctan2(z, np.hypot(x, y))
+    to_mean = erfa.ufunc.pmat06(*moments)
+    ra, dec = erfa.ufunc.c2s(erfa.ufunc.trxp(to_mean, erfa.ufunc.s2c(ra, dec)))
+    return np.mod(ra, 2.0 * np.pi), dec
 
 
 def to_date(ra, dec, frame, time):
@@ -161,11 +161,6 @@ def to_date(ra, dec, frame, time):
     ra, dec, origins = erfa.ufunc.atci13(*to_icrs(ra, dec, frame, time), 0.0, 0.0, 0.0, 0.0,
                                          *terrestrial(np.asarray(time, float)))
     return np.mod(ra - origins, 2.0 * np.pi), dec
-
-
-def _vector(ra, dec):
-    return np.stack((np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)),
-                    axis=-1)[..., np.newaxis]
 
 
 @dataclass(frozen=True)
