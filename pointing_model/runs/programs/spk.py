@@ -22,6 +22,7 @@ published VD is an angle, to be given as TF cos E at each target.
 
 import re
 
+import erfa
 import numpy as np
 
 from msg_tools.units import ARCSEC
@@ -42,17 +43,11 @@ _OWN = {TERM_KEYS[name]: [(own, float(sign))] for own, (name, sign) in _MEMBERS.
 _PASSES = 4  # each shrinks the error of where the droop is taken by the terms' size
 
 
-def _about_y(angle):
-    s, c = np.sin(angle), np.cos(angle)
-    return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
-
-
 def _attitude(mount, an, aw):
     """From south, east, up to the mount: the colatitude, then -AN about y, then AW about x."""
-    s, c = np.sin(aw), np.cos(aw)
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
-    nominal = np.eye(3) if mount.vertical else _about_y(mount.latitude - 0.5 * np.pi)
-    return about_x @ _about_y(-an) @ nominal
+    plain = np.eye(3)
+    nominal = plain if mount.vertical else erfa.ufunc.ry(mount.latitude - 0.5 * np.pi, plain)
+    return erfa.ufunc.rx(aw, plain) @ erfa.ufunc.ry(-an, plain) @ nominal
 
 
 def _vector(roll, pitch):
