@@ -110,7 +110,7 @@ class Night:
             if not mount.home_failure(readings, attempt):
                 break
         for axis, encoder in zip(AXES, self.encoders):
-            s = encoder.status
+            s = encoder.homing
             self.homings.append(Homing(self.run, axis, s.homed, s.side, s.missed_marks,
                                        s.mark_error, encoder.count_angle,
                                        encoder.params.pulse_width))

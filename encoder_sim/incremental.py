@@ -19,9 +19,10 @@ counter makes of that and of the mark (`feed`): in one file, as they share the s
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
+
+from msg_tools.homing import AxisHoming
 
 from . import keyed_noise
 from .encoder_scale import (
@@ -191,46 +192,6 @@ class Incremental(EncoderScale):
     home_rate: float = number(0.25, 'deg_s', 1e-4, 90.0)
 
 
-class Status(NamedTuple):
-    """What the electronics of an axis know of themselves; no truth in it.
-
-    Attributes
-    ----------
-    homed : bool
-    side : str
-        ``below`` or ``above``: from where the mark was met that cleared the counter; '' before.
-    missed_marks : int
-        Index pulses since power-on that were too short to be taken.
-    passages : int
-        Of the mark since then.
-    mark_error : float
-        Counts by which the counter was off at the last passage, against the first one and the
-        pulse's nominal width; NaN without one. More than `MARK_TOLERANCE`: counts were lost, the
-        mark moved, or one of both pulses was not of the mark.
-    supply : float
-        As its monitor measured it in the second of the last sample, V.
-    power_on : int
-        Number of this power-on.
-    mark_supply, mark_temperature : float
-        As measured when the mark cleared the counter, V and degC; NaN before.
-    """
-
-    homed: bool
-    side: str
-    missed_marks: int
-    passages: int
-    mark_error: float
-    supply: float
-    power_on: int
-    mark_supply: float = np.nan
-    mark_temperature: float = np.nan
-
-    @property
-    def miscounted(self):
-        """Whether the last passage of the mark gave the counter the lie."""
-        return bool(abs(self.mark_error) > MARK_TOLERANCE)
-
-
 class IncrementalEncoder:
     """One axis: grating, index pulse, counter.
 
@@ -252,6 +213,8 @@ class IncrementalEncoder:
     zero : float
         What homing left in the reading, rad: drift of this power-on, side and shift of the mark.
         NaN before; truth, for the simulator's own log.
+    supply : float
+        As its monitor measured it in the second of the last sample, V.
     """
 
     def __init__(self, params, seed, axis, power_on=1, start=0.0):
@@ -265,7 +228,7 @@ class IncrementalEncoder:
         self.count_angle = _TURN / self._turn_counts
         self._cycles = sorted(params.power_cycles)  # still to come
         self._flicker = None, 0.0  # what a noise of the monitor belongs to, and it
-        self._supply = self._monitor(params.supply, int(start))
+        self.supply = self._monitor(params.supply, int(start))
         self._clear()
 
     @property
@@ -279,11 +242,19 @@ class IncrementalEncoder:
         return self._zero.at_power_on(self.power_on)
 
     @property
-    def status(self):
-        """`Status` after the last sample."""
-        return Status(self.homed, {0: '', 1: 'below', -1: 'above'}[self._sense], self._missed,
-                      self._passed, self._mark_error, self._supply, self.power_on,
-                      *self._measured)
+    def homing(self):
+        """`AxisHoming` after the last sample; of when the power-on began it knows nothing."""
+        return AxisHoming(self.homed, {0: '', 1: 'below', -1: 'above'}[self._sense], self._missed,
+                          self._passed, self._mark_error, self.count_angle,
+                          self.params.pulse_width, self.power_on, np.nan, *self._measured)
+
+    @property
+    def miscounted(self):
+        """Whether the last passage of the mark gave the counter the lie.
+
+        Counts were lost, the mark moved, or one of both pulses was not of the mark.
+        """
+        return bool(abs(self._mark_error) > MARK_TOLERANCE)
 
     def power_cycle(self):
         """Off and on again: the counter is lost, and the mark will be found elsewhere."""
@@ -359,7 +330,7 @@ class IncrementalEncoder:
         self._passed += len(passages.row)
         if len(passages.row) == 0:
             return
-        row, sense, angle, rate = (column[-1] for column in passages)  # the status has the last
+        row, sense, angle, rate = (column[-1] for column in passages)  # the last one is told
         counts = self._grating_count(angle, self._last[0], rate) - self._cleared_at - lost[row]
         sides = 0.5 * (self._sense - sense)  # 1: cleared from below, passed from above
         error = counts - sides * self.params.pulse_width / self.count_angle
@@ -446,7 +417,7 @@ class IncrementalEncoder:
             all_stamps = np.concatenate([[self._last[0]], stamps])
             all_angles = np.concatenate([[self._last[1]], past])
         self._last = stamps[-1], past[-1]
-        self._supply = self._monitor(volts[-1], int(stamps[-1]) // MONITOR_PERIOD)
+        self.supply = self._monitor(volts[-1], int(stamps[-1]) // MONITOR_PERIOD)
 
         lost = self._count_losses(all_stamps, all_angles) + self._lost
         passages, short = self._mark.passages(

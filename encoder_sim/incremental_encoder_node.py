@@ -18,7 +18,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
-from msg_tools.homing import AxisHoming, homing_to_cloud
+from msg_tools.homing import homing_to_cloud
 from msg_tools.power_on import PowerOn, power_on_message, since
 from msg_tools.units import ARCSEC
 
@@ -102,18 +102,16 @@ class IncrementalEncoders(MountedDevice):
 
     def _publish_homing(self):
         """Publish what is known of the marks, if a mark or the power changed it."""
-        states = [encoder.status for encoder in self._encoders]
-        known = [(s.homed, s.missed_marks, s.miscounted, self._power_on) for s in states]
+        states = [encoder.homing for encoder in self._encoders]
+        known = [(s.homed, s.missed_marks, encoder.miscounted, self._power_on)
+                 for s, encoder in zip(states, self._encoders)]
         now = [*known, *((s.passages, s.power_on) for s in states)]
         if now != self._homing_published:
             news = self._homing_published is None or known != self._homing_published[:len(known)]
             self._homing_published = now
             started = self._power_on.started if self._power_on else np.nan
-            self._homing_pub.publish(homing_to_cloud([
-                AxisHoming(s.homed, s.side, s.missed_marks, s.passages, s.mark_error,
-                           encoder.count_angle, encoder.params.pulse_width, s.power_on, started,
-                           s.mark_supply, s.mark_temperature)
-                for s, encoder in zip(states, self._encoders)], self._stamp))
+            self._homing_pub.publish(homing_to_cloud(
+                [s._replace(started=started) for s in states], self._stamp))
             if news and self._power_on is not None:
                 self.announce()  # a log without that topic has the diagnostics alone
 
@@ -129,12 +127,12 @@ class IncrementalEncoders(MountedDevice):
         """Not homed yet, or a counter that the mark gives the lie."""
         found = []
         for axis, encoder in zip(self.words, self._encoders):
-            status = encoder.status
-            if not status.homed and status.missed_marks:
+            homing = encoder.homing
+            if not homing.homed and homing.missed_marks:
                 found.append((DiagnosticStatus.ERROR, f'{axis}: reference mark missed, pulses '
-                              f'too short: {status.missed_marks}; pass it slower'))
-            if status.miscounted:
-                found.append((DiagnosticStatus.WARN, f'{axis}: {status.mark_error:+.0f} counts '
+                              f'too short: {homing.missed_marks}; pass it slower'))
+            if encoder.miscounted:
+                found.append((DiagnosticStatus.WARN, f'{axis}: {homing.mark_error:+.0f} counts '
                               'off at the reference mark: lost counts, a mark that moved, or a '
                               'false index pulse'))
         if not self._homed:
@@ -145,12 +143,12 @@ class IncrementalEncoders(MountedDevice):
         """Resolution and power-ons, and of each axis how it was homed."""
         rows = [('power-on', str(self._encoders[0].power_on)),
                 ('resolution [arcsec]', f'{self._encoders[0].count_angle / ARCSEC:.4f}'),
-                ('supply [V]', ', '.join(f'{e.status.supply:.3f}' for e in self._encoders))]
+                ('supply [V]', ', '.join(f'{e.supply:.3f}' for e in self._encoders))]
         for axis, encoder in zip(self.words, self._encoders):
-            status, width = encoder.status, encoder.params.pulse_width / ARCSEC
-            rows += [(f'{axis} homed', str(status.homed)),
-                     (f'{axis} mark met from', status.side),
+            homing, width = encoder.homing, encoder.params.pulse_width / ARCSEC
+            rows += [(f'{axis} homed', str(homing.homed)),
+                     (f'{axis} mark met from', homing.side),
                      (f'{axis} mark width [arcsec]', f'{width:.2f}'),
-                     (f'{axis} missed marks', str(status.missed_marks)),
-                     (f'{axis} mark error [counts]', f'{status.mark_error:.0f}')]
+                     (f'{axis} missed marks', str(homing.missed_marks)),
+                     (f'{axis} mark error [counts]', f'{homing.mark_error:.0f}')]
         return rows

@@ -59,8 +59,8 @@ def test_each_passage_of_a_mark_that_scatters_says_another_error():
     for k in range(1, 101):
         when = (START + 20 + 10 * k) * 10**9 + 10**7 * np.arange(101)
         device.feed(when, np.linspace(179, 181, 101) * DEG)
-        found.append(device.status.mark_error * COUNT)
-    assert device.status.passages == 200  # and back
+        found.append(device.homing.mark_error * COUNT)
+    assert device.homing.passages == 200  # and back
     # against the first one, which has a scatter of its own
     assert np.std(found) == pytest.approx(4.0, rel=0.2)
 
@@ -104,12 +104,12 @@ def test_the_first_false_pulse_is_taken_for_the_mark_and_the_next_pulse_tells():
             # too early by as much as it reads too much, and it clears the counter for good
             assert 0.0 < error < 1801.0 + 90.0
             assert device.zero / ARCSEC == pytest.approx(error, abs=1.0)
-            assert device.status.passages and device.status.miscounted
-            assert abs(device.status.mark_error) > 50 * MARK_TOLERANCE
+            assert device.homing.passages and device.miscounted
+            assert abs(device.homing.mark_error) > 50 * MARK_TOLERANCE
     # exp(-2 s * 0.5 Hz) of the nights meet the mark first; some false ones lie close to it
     assert 0.45 < wrong / 100 < 0.68
     plain = Incremental()
-    assert not any(run_up(plain, seed)[0].status.miscounted for seed in range(5))
+    assert not any(run_up(plain, seed)[0].miscounted for seed in range(5))
 
 
 def test_false_pulses_do_not_depend_on_the_batch():
@@ -120,7 +120,7 @@ def test_false_pulses_do_not_depend_on_the_batch():
     angle = (179.5 + 0.025 * np.arange(41)) * DEG
     single = [again.feed(*one, 0.25 * DEG)[0] for one in zip(when, angle)]
     assert np.array_equal(single, whole, equal_nan=True)
-    assert again.status == device.status or np.isnan(device.status.mark_error)
+    assert again.homing == device.homing or np.isnan(device.homing.mark_error)
 
 
 # --- stamps ---------------------------------------------------------------------------------------
@@ -172,11 +172,10 @@ def test_the_supply_is_told_as_measured():
     told = []
     for k in range(500):
         device.feed((START + 60 + k) * 10**9, 3.3)
-        told.append(device.status.supply)
+        told.append(device.supply)
     steps = np.array(told) / 0.004
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
     assert np.mean(told) == pytest.approx(5.013, abs=0.001)
     assert np.std(told) == pytest.approx(np.hypot(0.005, 0.004 / np.sqrt(12.0)), rel=0.1)
-    assert device.status.mark_supply / 0.004 == pytest.approx(round(
-        device.status.mark_supply / 0.004))
-    assert homed(Incremental(supply=5.013))[0].status.supply == 5.013
+    assert device.homing.supply / 0.004 == pytest.approx(round(device.homing.supply / 0.004))
+    assert homed(Incremental(supply=5.013))[0].supply == 5.013

@@ -201,13 +201,15 @@ def passage(device, after=0.0, back=False, **feed):
 def test_nothing_is_known_of_the_side_before_the_mark():
     device = encoder()
     unknown = pytest.approx(np.nan, nan_ok=True)
-    assert device.status == (False, '', 0, 0, unknown, 5.0, 1, unknown, unknown)
+    assert device.homing == (False, '', 0, 0, unknown, device.count_angle,
+                             device.params.pulse_width, 1, unknown, unknown, unknown)
+    assert device.supply == 5.0 and not device.miscounted
     assert np.isnan(device.zero)
     passage(device)
-    assert device.status.homed and device.status.side == 'below'
+    assert device.homing.homed and device.homing.side == 'below'
     device.power_cycle()
     passage(device, 10.0, back=True)
-    assert device.status.side == 'above' and device.status.power_on == 2
+    assert device.homing.side == 'above' and device.homing.power_on == 2
 
 
 def test_a_higher_threshold_makes_the_pulse_narrower_from_both_sides():
@@ -224,7 +226,7 @@ def test_a_mark_below_the_threshold_gives_no_pulse():
     assert np.isfinite(passage(encoder(**params), temperature=20.0))
     device = encoder(**params)
     assert np.isnan(passage(device, temperature=35.0))  # a quarter of the signal is gone
-    assert device.status.missed_marks == 0
+    assert device.homing.missed_marks == 0
     weak = encoder(pulse_width=4 * ARCSEC, threshold=0.8, signal_supply=0.5, supply=4.5)
     assert np.isnan(passage(weak))
     assert np.isfinite(passage(encoder(pulse_width=4 * ARCSEC, threshold=0.8, signal_supply=0.5)))
@@ -235,7 +237,7 @@ def test_a_narrow_pulse_is_missed_at_a_rate_at_which_a_wide_one_is_not():
     wide = encoder(pulse_width=4 * ARCSEC, pulse_time=0.4e-3)
     narrow = encoder(pulse_width=4 * ARCSEC, pulse_time=0.4e-3, threshold=0.75)
     assert np.isfinite(passage(wide)) and np.isnan(passage(narrow))
-    assert (wide.status.missed_marks, narrow.status.missed_marks) == (0, 1)
+    assert (wide.homing.missed_marks, narrow.homing.missed_marks) == (0, 1)
 
 
 def test_the_mark_moves_with_temperature_and_supply_until_it_is_met():
@@ -253,7 +255,7 @@ def test_the_reading_moves_with_the_supply_at_any_time():
     device = encoder(**params)
     assert passage(device) == pytest.approx(2.0, abs=2 * COUNT)
     assert passage(device, 1800.0) == pytest.approx(7.0, abs=2 * COUNT)
-    assert device.status.supply == pytest.approx(5.7, abs=1e-3)
+    assert device.supply == pytest.approx(5.7, abs=1e-3)
     ripple = encoder(zero_supply=10 * ARCSEC, supply_ripple=0.2, ripple_frequency=0.1)
     passage(ripple)
     when = stamps(100, 0.1, start=1_768_482_010.0)
@@ -265,7 +267,7 @@ def test_only_from_the_side_that_the_interface_takes():
     device = encoder(mark_from='below', pulse_width=5 * ARCSEC)
     assert np.isnan(passage(device, back=True))
     assert passage(device, 10.0) == pytest.approx(0.0, abs=COUNT)
-    assert device.status.side == 'below'
+    assert device.homing.side == 'below'
     device = encoder(mark_from='above', pulse_width=5 * ARCSEC)
     assert np.isnan(passage(device))
     assert passage(device, 10.0, back=True) == pytest.approx(-5.0, abs=COUNT)
@@ -276,13 +278,13 @@ def test_a_later_passage_checks_the_counter_from_both_sides():
     for first in (False, True):
         device = encoder(**params)
         passage(device, back=first)
-        assert device.status.passages == 0 and not device.status.miscounted
+        assert device.homing.passages == 0 and not device.miscounted
         passage(device, 5.0, back=not first)
-        assert device.status.passages == 1
-        assert abs(device.status.mark_error) <= 1.0  # its width is no error
+        assert device.homing.passages == 1
+        assert abs(device.homing.mark_error) <= 1.0  # its width is no error
         error = passage(device, 20.0, back=first)
-        assert device.status.mark_error == pytest.approx(-100, abs=1)
-        assert device.status.miscounted and MARK_TOLERANCE < 100
+        assert device.homing.mark_error == pytest.approx(-100, abs=1)
+        assert device.miscounted and MARK_TOLERANCE < 100
         shift = -100 * COUNT - (5.0 if first else 0.0)
         assert error == pytest.approx(shift, abs=COUNT)
 
@@ -290,7 +292,7 @@ def test_a_later_passage_checks_the_counter_from_both_sides():
 def test_the_check_knows_whole_turns():
     device = encoder()
     device.feed(stamps(721), np.linspace(170.0, 890.0, 721) * DEG)
-    assert device.status.passages == 1 and device.status.mark_error == 0.0
+    assert device.homing.passages == 1 and device.homing.mark_error == 0.0
 
 
 def test_the_check_sees_a_mark_that_moved():
@@ -298,7 +300,7 @@ def test_the_check_sees_a_mark_that_moved():
     passage(device, temperature=10.0)
     passage(device, 10.0, temperature=16.0)
     # the mark is met 6" earlier on the grating
-    assert device.status.mark_error == pytest.approx(-6.0 / COUNT, abs=1)
+    assert device.homing.mark_error == pytest.approx(-6.0 / COUNT, abs=1)
 
 
 # --- faults -------------------------------------------------------------------------------------
@@ -394,7 +396,7 @@ def test_the_power_fails_at_a_moment_whatever_the_batches():
     angle = (180.0 + 8.0 * np.sin(0.03 * np.arange(600) - 1.0)) * DEG
     device = encoder(**params)
     whole = device.feed(when, angle)
-    assert device.status.power_on == 3
+    assert device.homing.power_on == 3
     error = (whole - angle) / ARCSEC
     assert np.isnan(error[[100, 101, 400]]).all()
     assert [np.nanmean(part) for part in (error[:100], error[101:400], error[401:])] == (
@@ -443,12 +445,12 @@ def test_supply_and_temperature_are_measured_where_the_mark_was_met():
     volts, zeros = [], []
     for night in range(12):
         passage(device, 100.0 * night, temperature=5.0)
-        volts.append(device.status.mark_supply)
+        volts.append(device.homing.supply)
         zeros.append(device.zero)
-        assert abs(device.status.mark_temperature - 5.0) < 0.5
-        assert device.status.mark_temperature != 5.0
+        assert abs(device.homing.temperature - 5.0) < 0.5
+        assert device.homing.temperature != 5.0
         device.power_cycle()
-        assert np.isnan(device.status.mark_supply)
+        assert np.isnan(device.homing.supply)
     assert 0.08 < np.std(volts) < 0.4
     # the mark follows what was measured, but for the voltmeter's noise and the counts
     left = np.array(zeros) / ARCSEC - 50.0 * (np.array(volts) - 5.0)

@@ -168,13 +168,13 @@ def homed(name, attempts=HOME_ATTEMPTS):
 def test_homing_finds_the_marks_of_the_default_encoders():
     encoders, reason, attempts = homed('default')
     assert (reason, attempts) == ('', 1)
-    assert [encoder.status.side for encoder in encoders] == ['below', 'below']
+    assert [encoder.homing.side for encoder in encoders] == ['below', 'below']
 
 
 def test_homing_from_above():
     encoders, reason, _ = homed('wrong_side')
     assert reason == ''
-    assert [encoder.status.side for encoder in encoders] == ['above', 'below']
+    assert [encoder.homing.side for encoder in encoders] == ['above', 'below']
     assert (encoders[0].zero - encoders[0].zero_drift) / ARCSEC == pytest.approx(-3.0)
     assert encoders[1].zero == pytest.approx(encoders[1].zero_drift)
 
@@ -185,7 +185,7 @@ def test_a_mark_missed_at_speed_is_found_more_slowly():
                       'mark')
     assert not encoders[0].homed and encoders[1].homed
     encoders, reason, attempts = homed('home_too_fast')
-    assert (reason, attempts) == ('', 2) and encoders[0].status.missed_marks > 0
+    assert (reason, attempts) == ('', 2) and encoders[0].homing.missed_marks > 0
 
 
 def test_a_mark_without_a_pulse_is_never_found():
