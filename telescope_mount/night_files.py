@@ -123,13 +123,17 @@ def write_files(folder, run, documents):
     return incomplete
 
 
-def write_results(folder, results):
-    """observations.csv, model.json, report.json of the last message of each topic; `Written`."""
+def write_results(folder, results, bag=None):
+    """observations.csv, model.json, report.json of the last message of each topic; `Written`.
+
+    Its report has the log, which is `bag` if not the one in the folder, and the blind checks.
+    """
     from msg_tools import topics
     from msg_tools.units import ARCSEC
     from pointing_model.model import PointingModel
     from pointing_model.runs.run_messages import cloud_to_run
     from pointing_model.sky.earth import earth_orientation
+    from telescope_mount.observing.clock_offset import sentence
 
     run = cloud_to_run(results[topics.OBSERVATIONS.name])
     fitted = results.get(topics.CALIBRATION_REPORT.name)
@@ -142,7 +146,13 @@ def write_results(folder, results):
         report['tracking'] = json.loads(results[topics.TRACKING.name].data)
     incomplete = write_files(folder, run, {
         'model.json': results[topics.MODEL.name].data, 'report.json': json.dumps(report, indent=1)})
-    report['files'] = {'log': str(folder / 'bag'), 'model': str(folder / 'model.json'),
+    report['files'] = {'log': str(bag or folder / 'bag'), 'model': str(folder / 'model.json'),
                        'observations': str(folder / 'observations.csv')}
     report['incomplete'] = incomplete
+    if topics.CHECKS.name in results:
+        document = json.loads(results[topics.CHECKS.name].data)
+        report['checks'] = document['checks']
+        if found := document.get('clocks'):
+            report['notes'].append(sentence(found['found'], found['camera_late_s'],
+                                            found['absolute']))
     return Written(report, run, model)

@@ -14,11 +14,9 @@
 
 """A night on a real mount: the graph beside drivers, on the time of the wall."""
 
-import json
 from functools import partial
 from pathlib import Path
 
-from telescope_mount.observing.clock_offset import sentence
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.observing.plan import parse_plan, real_plan
 
@@ -137,7 +135,7 @@ def _carry_out(out, plan, kind, nodes, reference, anew, drivers, *, note, **opti
     specs = nodes(folder, plan=plan, bag=str(bag), state_file=str(folder / STATE),
                   model_file=str(reference.resolve()) if reference else '')
     written = night.observe(
-        folder, specs, plan, partial(write_with_checks, folder, bag), drivers=drivers, stall=STALL,
+        folder, specs, plan, partial(write_results, folder, bag=bag), drivers=drivers, stall=STALL,
         note=note, again=again, **options)
     write_page(folder, written, bag)
     return written.report
@@ -178,19 +176,3 @@ def _free(path):
         number += 1
         free = path.with_name(f'{path.name}_{number}')
     return free
-
-
-def write_with_checks(folder, bag, results):
-    """As `night_files.write_results`, with the blind checks and the log in the report."""
-    from msg_tools import topics
-    written = write_results(folder, results)
-    report = written.report
-    report['files']['log'] = str(bag)
-    if topics.CHECKS.name in results:
-        document = json.loads(results[topics.CHECKS.name].data)
-        report['checks'] = document['checks']
-        if 'clocks' in document:
-            found = document['clocks']
-            report['notes'].append(sentence(found['found'], found['camera_late_s'],
-                                            found['absolute']))
-    return written
