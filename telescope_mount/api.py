@@ -110,9 +110,7 @@ class Run:
 
     def select(self, rows):
         """The run with only these rows (a mask or indices)."""
-        picked = self.rows.select(rows)
-        picked.meta = {**self.rows.meta, 'lines': self.rows.lines[rows]}
-        return Run(picked)
+        return Run(self.rows.part(rows, lines=self.rows.lines[rows]))
 
     def __repr__(self):
         source = Path(str(self.rows.meta.get('source', ''))).name

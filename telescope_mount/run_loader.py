@@ -316,13 +316,8 @@ def _without_check_rows(run):
     kept = np.asarray(run.get('check', 0.0)) != 0.0
     if not kept.any():
         return run
-    out = run.select(~kept)
-    out.meta = dict(run.meta)
-    out.meta['notes'] = [*run.meta.get('notes', ()), f'{int(kept.sum())} rows excluded that are '
-                         'for validation (check = 1)']
-    if 'lines' in out.meta:
-        out.meta['lines'] = np.asarray(out.meta['lines'])[~kept]
-    return out
+    return run.part(~kept, notes=[*run.meta.get('notes', ()), f'{int(kept.sum())} rows excluded '
+                                  'that are for validation (check = 1)'])
 
 
 def _readings(columns, beyond=False):

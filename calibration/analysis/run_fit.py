@@ -236,9 +236,7 @@ def one_of_runs(run, number=None, zeros_known=False):
             there = ', '.join(f'{n:g}' for n in numbers) or 'no column run'
             raise ValueError(f'{run.meta.get("source", "the file")}: no run {number} (there: '
                              f'{there})')
-        one = run.select(rows)
-        one.meta = {**run.meta, 'lines': run.lines[rows]}
-        return one
+        return run.part(rows, lines=run.lines[rows])
     if len(numbers) > 1 and not zeros_known:
         run.meta['notes'] = [*run.meta.get('notes', ()),
                              Finding('runs fitted as one', len(numbers), unit='')]

@@ -74,17 +74,14 @@ def check_solves(run):
     if solved is None:
         return run
     solved = solved.at(run.lines)
-    meta = dict(run.meta)
-    meta['notes'] = list(meta.get('notes', ()))
-    meta['solves_checked'] = True
-    reasons = _false_rows(run, solved, meta['notes']) if len(run) >= FEW else {}
+    notes = list(run.meta.get('notes', ()))
+    reasons = _false_rows(run, solved, notes) if len(run) >= FEW else {}
     keep = np.array([i not in reasons for i in range(len(run))], bool)
-    meta['excluded'] = sorted(
-        [*meta.get('excluded', ()), *({'row': int(run.lines[i]), 'reason': found}
-                                      for i, found in reasons.items())], key=lambda e: e['row'])
-    meta['lines'] = run.lines[keep]
-    run, solved = run.select(keep), solved.at(run.lines[keep])
-    run.meta = meta
+    excluded = sorted(
+        [*run.meta.get('excluded', ()), *({'row': int(run.lines[i]), 'reason': found}
+                                          for i, found in reasons.items())], key=lambda e: e['row'])
+    solved = solved.at(run.lines[keep])
+    run = run.part(keep, notes=notes, excluded=excluded, solves_checked=True)
     _check_frame(run, solved)
     if len(run) >= FEW:
         _note_tilt(run)

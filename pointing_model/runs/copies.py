@@ -195,15 +195,10 @@ def written_twice(copied):
 
 def without_rows(run, rows, reason):
     """A run without `rows` (a mask), which ``meta['excluded']`` then has with the reason."""
-    out = run.select(~rows)
-    out.meta = dict(run.meta)
-    out.meta['excluded'] = sorted(
+    return run.part(~rows, excluded=sorted(
         [*run.meta.get('excluded', ()),
          *({'row': int(line), 'reason': reason} for line in run.lines[rows])],
-        key=lambda one: one['row'])
-    if 'lines' in run.meta:
-        out.meta['lines'] = run.lines[~rows]
-    return out
+        key=lambda one: one['row']))
 
 
 def _name(run):

@@ -150,6 +150,11 @@ class PointingRun:
         """The run with only `rows` (a mask or indices); `meta` is shared."""
         return PointingRun({name: v[rows] for name, v in self.columns.items()}, self.meta)
 
+    def part(self, rows, **meta):
+        """As `select`, with the lines of these rows, and with `meta` of its own beside the rest."""
+        lines = {'lines': self.lines[rows]} if 'lines' in self.meta else {}
+        return PointingRun(self.select(rows).columns, {**self.meta, **lines, **meta})
+
     def split_sessions(self, hours):
         """The run with its rows numbered by session in the column ``run``.
 
