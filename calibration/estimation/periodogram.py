@@ -51,6 +51,9 @@ _SHARE = 'periods'
 #: part of a wave's energy that must be beyond one wave a turn: of rows at even steps some rates are
 #: the same as none, and with no rows between them any size of the wave would fit
 _SEEN = 0.2
+#: length of the mean of exp(i 2 pi angle / step) from which rows are at even steps (within 6 % of a
+#: step, 1 sigma), and rows that it is asked of, at least
+_EVEN, _STEPPED = 0.93, 200
 #: numbers in the columns of waves from which on none but the next are kept
 _KEPT = 5_000_000
 
@@ -119,6 +122,17 @@ class WaveScan:
             (cosine, cosine), (sine, sine), (cosine, sine)))
         least = 0.5 * (a + b - np.hypot(a - b, 2.0 * c))
         return least > _SEEN * 0.5 * (weight @ weight)
+
+    def even_step(self):
+        """Step of the angle at which nearly all rows stand, radians; None where they do not."""
+        known = self.angle[np.isfinite(self.angle)]
+        known = known[::max(len(known) // _STEPPED, 1)]
+        together = np.abs(np.exp(1j * np.multiply.outer(self.rates, known)).mean(axis=1))
+        even = np.flatnonzero(together > _EVEN)
+        if not len(even):
+            return None
+        first = even[even < even[0] + OVERSAMPLED]
+        return 2.0 * np.pi / float(self.rates[first[np.argmax(together[first])]])
 
     def waves(self, rates, shift):
         """Values cos(rate angle - shift) x factor, shape (k, 2n)."""
@@ -386,23 +400,45 @@ class PeriodBank(CandidateBank):
         ndarray
             Best first; none within a resolution element of its own.
         """
-        own, scan = self.rate[g], self.line[g]
-        first = np.flatnonzero(self.line[:self.count] == scan)
-        gains = self._scored(fit, first).delta_bic[first]
+        own, orders = self.rate[g], SHAPES[g // self.count]
+        first = self._first_of(self.line[g])
         best = float(self._gains_at(fit, int(first[0]), np.array([
-            own * order for order in SHAPES[g // self.count]])).max())
-        spacing = OVERSAMPLED * self.scans[scan].step
+            own * order for order in orders])).max())
+        return self.as_good(fit, self.line[g], best - width, best - 2.0 * width,
+                            [own * n for n in orders])
+
+    def as_good(self, fit, scan, least, untuned, apart=()):
+        """Rates of a scan that gain so much once they are tuned, and nearly so before.
+
+        Parameters
+        ----------
+        fit : WeightedFit
+        scan : int
+        least, untuned : float
+        apart : sequence of float
+            Rates: none within a resolution element of these.
+
+        Returns
+        -------
+        ndarray
+            Best first.
+        """
+        first, spacing = self._first_of(scan), OVERSAMPLED * self.scans[scan].step
+        gains = self._scored(fit, first).delta_bic[first]
         out = []
         for k in np.argsort(-gains):
             rate = float(self.scans[scan].rates[k])
-            if gains[k] < best - 2.0 * width or len(out) > 9:
+            if gains[k] < untuned or len(out) > 9:
                 break
-            if all(abs(rate - other) > spacing for other in (
-                    *out, *(own * n for n in SHAPES[g // self.count]))):
+            if all(abs(rate - other) > spacing for other in (*out, *apart)):
                 tuned, gain = self.tuned_rate(fit, int(first[k]), rate)
-                if gain > best - width:
+                if gain > least:
                     out.append(tuned)
         return np.array(out)
+
+    def _first_of(self, scan):
+        """Groups of the first shape of a scan."""
+        return np.flatnonzero(self.line[:self.count] == scan)
 
 
 class _Wave:

@@ -86,5 +86,23 @@ def _aliases(found):
             + ': the rows stand at nearly even steps. Rows at uneven steps would decide')
 
 
+def _fast(found):
+    teeth = listed(sorted(found['teeth'][:_MOST_ALIASES])).replace(' and ', ' or ')
+    return (f'A worm or gear of the {found["axis"]} with about {teeth} teeth fits as well: the '
+            f'stars stand at even steps of {found.size:.3g}°. Observe at uneven steps')
+
+
+def _nothing(found):
+    return (f'Nothing was found at the declared {found.size:.6g} per turn of {found["axis"]}, '
+            f'but at {listed(found["turns"])}')
+
+
+def _absent(found):
+    return (f'Of {found["teeth"]:.6g} per turn of {found["axis"]} the fundamental is absent '
+            f'({found.size:.2f} ± {found.sigma:.2f}″). More likely are {2 * found["teeth"]:.6g} '
+            'teeth')
+
+
 #: kind of a `Finding` -> its sentence
-KINDS = {'period': _period}
+KINDS = {'period': _period, 'fast wave as well': _fast, 'nothing at the teeth': _nothing,
+         'fundamental absent': _absent}

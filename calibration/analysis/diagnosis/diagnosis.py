@@ -37,7 +37,7 @@ from .input_check import check_columns
 from .next_observations import propose
 from .observations import mount_of, observations
 from .page_figures import add_page_figures
-from .period_scans import period_findings, settle_periods
+from .period_scans import gear_findings, period_findings, settle_periods
 from .prediction import better_prediction
 from .residual_correlation import correlation_entry, residual_correlation
 from .residual_patterns import (
@@ -162,7 +162,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     rows = ResidualRows.from_observations(run.obs, result.residual_after)
     gathered = cluster_findings(rows)
     result.notes += [*median_findings(run, result.model), *history_findings(run, choice),
-                     *repeats(rows), *periods, *again, *gathered]
+                     *repeats(rows), *periods,
+                     *gear_findings(run, choice, [one.fitted for one in found]), *again, *gathered]
     if left is not None:
         result.add_correlation(
             correlation_entry(left, run, choice.chosen, result.residual_after))

@@ -18,6 +18,7 @@ import numpy as np
 
 from calibration.estimation.periodogram import SHAPES, PeriodBank, WaveScan, rate_error
 from calibration.estimation.significance import SET_WIDTH
+from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.effects.base import AXES, for_mount, on_axis
 from pointing_model.effects.gears import (
@@ -38,6 +39,11 @@ _FEWEST_ROWS = 20
 _WHOLE, _SURE = 2.0, 0.2
 #: of the travel, what an angle may differ from one that goes with time to be one with it
 _TOGETHER = 1e-3
+#: kinds of what is said of gears beside what was found, first of all notes
+FAST, NOTHING, ABSENT = 'fast wave as well', 'nothing at the teeth', 'fundamental absent'
+GEARS = FAST, NOTHING, ABSENT
+#: standard errors within which a fundamental is absent
+_SIGMAS = 3.0
 
 
 def period_bank(context):
@@ -133,3 +139,66 @@ def _finding(problem, choice, i, rate, error, whole):
         'tape': p['tape'], 'searched': float(rate),
         'strain_wave': [] if p['of'] == 'time' or p['tape'] else strain_wave(p['turns']),
         'aliases': [float(a) for a in aliases]})
+
+
+def gear_findings(run, choice, effects):
+    """What a gear of other teeth may be in a run: Findings of `GEARS`.
+
+    Parameters
+    ----------
+    run : RunProblem
+    choice : ModelChoice
+    effects : list of FittedEffect
+        What was found.
+
+    Returns
+    -------
+    list of Finding
+    """
+    return [*_fast_as_well(run, choice), *_declared(run.obs.context, effects)]
+
+
+def _fast_as_well(run, choice):
+    """At even steps of an axis a fast wave is the same as a slow one: of each slow effect."""
+    problem, names = run.problem, run.obs.context.mount.names
+    bank, out = problem.periods, []
+    for scan, one in enumerate(bank.scans):
+        p = one.effect(float(one.rates[0]), (1,)).parameters
+        step = None if p['of'] == 'time' or p['tape'] else one.even_step()
+        teeth, causes = [], []
+        for i, found in enumerate(choice.chosen if step else ()):
+            if found.period or found.of is not None:
+                continue
+            fit = problem.plain.fit(choice.chosen, without=i)
+            own = float(found.bank(problem).score(fit, [found.group]).delta_bic[found.group])
+            # whoever knows the gear has searched nothing
+            least = own - SET_WIDTH - np.log(problem.n)
+            rates = bank.as_good(fit, scan, least, least - 0.1 * own) if own > 0.0 else ()
+            if len(rates):
+                causes.append(found.effect(problem).name)
+                teeth += [round(float(rate)) for rate in rates]
+        if causes:
+            out.append(Finding(FAST, float(np.degrees(step)), unit='deg', causes=tuple(causes),
+                               evidence={'axis': names.word(p['axis']),
+                                         'teeth': list(dict.fromkeys(teeth))}))
+    return out
+
+
+def _declared(context, effects):
+    """Declared teeth whose wave was not found, or not its fundamental."""
+    out = []
+    for axis, teeth in context.worms.items():
+        word = context.mount.names.word(axis)
+        waves = [one for one in effects if one.effect.form == 'periodic'
+                 and one.effect.parameters['axis'] == axis]
+        own = [one for one in waves if one.effect.parameters.get('declared')]
+        if waves and not own:
+            out.append(Finding(NOTHING, float(teeth), unit='per turn', evidence={
+                'axis': word, 'turns': [one.effect.parameters['turns'] for one in waves]}))
+        for one in own:
+            size, error = (np.hypot(*of.reshape(-1, 2).T) / ARCSEC
+                           for of in (one.coefficients, one.sigma))
+            if len(size) > 1 and size[0] < _SIGMAS * error[0] < size[1]:
+                out.append(Finding(ABSENT, float(size[0]), float(error[0]), evidence={
+                    'axis': word, 'teeth': float(teeth)}))
+    return out

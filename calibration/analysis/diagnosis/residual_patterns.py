@@ -36,6 +36,7 @@ from pointing_model.rms import sigma_of
 
 from ..finding import Finding
 from .observations import sequence_of
+from .period_scans import GEARS
 from .row_counts import row_word
 
 #: rad, within which visits are of one place: what terms leave changes little there
@@ -53,7 +54,7 @@ _TOGETHER, _ALIKE, _JUMP = 'outliers together', 'consecutive rows alike', 'zeros
 #: which a row counts as so far off
 _BY_CHANCE, _AT_MOST = 1e-3, 3.0
 #: kinds that say where to look first
-PATTERNS = (*MOVES, _JUMP, _ALIKE, _TOGETHER)
+PATTERNS = (*MOVES, _JUMP, _ALIKE, _TOGETHER, *GEARS)
 #: times that the RMS must fall by zeros that jump once (where they drift evenly it falls to a half:
 #: 0 of 2250 runs of white noise, walks, drifts and heavy tails); rows on either side, at least, and
 #: degrees of freedom

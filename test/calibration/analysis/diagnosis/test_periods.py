@@ -18,8 +18,10 @@ import numpy as np
 import pytest
 
 from calibration.analysis.diagnosis.diagnosis import diagnose
+from calibration.analysis.diagnosis.period_scans import ABSENT, FAST, GEARS, NOTHING
 from calibration.report.diagnosis_view import view_of
 from calibration.report.documents import run_diagnosis_document
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount
@@ -86,3 +88,40 @@ def test_lines_of_a_tape_are_sought_about_the_declared_ones():
     assert [e.fitted.effect.name for e in result.effects] == ['hour_angle_tape_12034']
     parameters = result.effects[0].fitted.effect.parameters
     assert parameters['turns'] == pytest.approx(12034.0, abs=0.4) and parameters['tape'] == 12000
+
+
+def said_of_gears(run):
+    """Of each kind the Finding of what another gear may be."""
+    result = diagnose(run, cross_validation=False, flips=999, seed=1)
+    return {one.kind: one for one in result.notes if getattr(one, 'kind', '') in GEARS}
+
+
+def in_hour_angle(h, teeth, worms='', size=12.0, seed=1):
+    """A run of an equatorial mount at such hour angles, with a wave of so many periods a turn."""
+    rng, mount = np.random.default_rng(seed), Mount.equatorial(48.0 * DEG, 'equatorial')
+    d = rng.uniform(-10.0, 75.0, len(h)) * DEG
+    x, y = rng.normal(0.0, ARCSEC, (2, len(h)))
+    reading = h + size * ARCSEC * np.cos(teeth * h + 0.7) + x / np.cos(d)
+    return PointingRun({'az': h, 'el': d, 'az_enc': reading, 'el_enc': d + y},
+                       {'mount': mount, 'worms': worms})
+
+
+def test_at_even_steps_a_slow_wave_may_be_a_worm():
+    """Of 180 teeth at steps of 2.02 degrees: 1.8 waves a turn."""
+    h = (2.02 * np.arange(60.0) - 60.0) * DEG
+    one = said_of_gears(in_hour_angle(h, 180.0))[FAST]
+    assert one.size == pytest.approx(2.02, abs=0.005) and 180 in one['teeth']
+    assert 'as well: the stars stand at even steps of 2.02°. Observe at uneven' in wording(one)
+    # what is slow and seen at random hour angles is slow
+    h = np.random.default_rng(1).uniform(-60.0, 60.0, 60) * DEG
+    assert not said_of_gears(in_hour_angle(h, 2.0))
+
+
+def test_declared_teeth_that_the_wave_has_not_are_said():
+    h = np.random.default_rng(1).uniform(-70.0, 70.0, 70) * DEG
+    twice = said_of_gears(in_hour_angle(h, 180.0, 'ha=90'))[ABSENT]
+    assert twice.size < 1.0 and wording(twice).endswith('″). More likely are 180 teeth')
+    wrong = said_of_gears(in_hour_angle(h, 180.0, 'ha=171'))[NOTHING]
+    assert wrong['turns'] == pytest.approx([180.0], abs=0.2)
+    assert wording(wrong).startswith('Nothing was found at the declared 171 per turn of hour angle')
+    assert not said_of_gears(in_hour_angle(h, 180.0, 'ha=180'))
