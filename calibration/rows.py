@@ -171,6 +171,11 @@ class Usable(NamedTuple):
         return self if self.sigmas is None else self._replace(sigmas=self.sigmas * np.repeat(
             np.maximum(ratios, 1.0), len(self.rows)))
 
+    @property
+    def mild_sigmas(self):
+        """`mild_sigmas` of these."""
+        return mild_sigmas(self.sigmas)
+
     def only(self, good, reason):
         """Those where `good`, shape (m,), holds; the others are excluded with the reason."""
         if good.all():

@@ -239,7 +239,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     problem = LinearProblem(observed, design) if linear else RotationProblem(
         trig, terms, turned, observed, columns, design, mount)
     found = gauss_newton(problem, used.sigmas, LOSS if robust else None, rcond,
-                         mild_sigmas(used.sigmas), zeros_of_axes, **solver)
+                         used.mild_sigmas, zeros_of_axes, **solver)
     used = used.with_ratios(found.ratios)
     facts = {'method': 'terms', 'encoder': encoder, 'rcond': rcond}
     if held is not None:
@@ -368,7 +368,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     columns = columns_of(degree, az, el, interpretation).reshape(k, -1)
     design, runs, names_of_zeros = _with_zeros(columns, run, used, run_zeros)
     found = gauss_newton(LinearProblem(observed, design), used.sigmas, LOSS if robust else None,
-                         rcond, mild_sigmas(used.sigmas))
+                         rcond, used.mild_sigmas)
     used = used.with_ratios(found.ratios)
     covariance = found.covariance[:k, :k]
     if after is not None:

@@ -32,7 +32,6 @@ from .few_rows import are_few, kept_rows
 from .least_squares import (
     TOLERANCE,
     System,
-    need_rows,
     spectrum_of,
     uncertainty_of,
     weighted_solve,
@@ -114,19 +113,28 @@ def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None, most_iterat
     ValueError
         Too few rows, or no convergence.
     """
-    how = loss, rcond, last, most_iterations
-    found = _determined(problem, sigmas, mild, (sigmas is not None,) * 2, *how)
-    if sigmas is None:
-        return found
-    ratios = _ratios(found)
-    wrong = ratios > 1.0
-    if wrong.any():
+    known, ratios = np.full(2, sigmas is not None), None
+    while True:
+        found = _determined(problem, sigmas, mild, known, loss, rcond, last, most_iterations)
+        if sigmas is None:
+            return found
+        if ratios is None:
+            ratios = _ratios(found)
+        if (known == (ratios <= 1.0)).all():
+            return found._replace(ratios=tuple(ratios.tolist()))
         problem.residual(np.zeros(len(found.coefficients)))
         problem.columns()  # those of the first order again
         times = np.repeat(np.maximum(ratios, 1.0), len(sigmas) // 2)
-        found = _determined(problem, sigmas * times, None if mild is None else mild * times,
-                            ~wrong, *how)
-    return found._replace(ratios=tuple(ratios.tolist()))
+        sigmas, mild, known = sigmas * times, None if mild is None else mild * times, ratios <= 1.0
+
+
+def _need_rows(n, k, given):
+    """ValueError where `n` rows do not determine `k` coefficients; `given`: with sigmas."""
+    # with given sigmas the covariance needs no redundancy
+    if 2 * n < k or (2 * n == k and not given) or n == 0:
+        raise ValueError(
+            f'{n} usable observations do not determine {k} coefficients; observe at least '
+            f'{k // 2 + 1} stars or fit fewer terms')
 
 
 def _ratios(found):
@@ -144,7 +152,7 @@ def _ratios(found):
 def _determined(problem, sigmas, mild, known, loss, rcond, last, most_iterations):
     """`gauss_newton` with sigmas that are `known` of each axis, or but for a factor."""
     k, values = problem.first_order.shape
-    need_rows(values // 2, k, sigmas is not None)
+    _need_rows(values // 2, k, sigmas is not None)
     weights, by = (None if of is None else 1.0 / np.square(of)
                    for of in (sigmas, sigmas if mild is None else mild))
     spectrum = spectrum_of(problem.first_order, by)

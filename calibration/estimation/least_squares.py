@@ -427,15 +427,6 @@ def _noises(system, solution, row_weights, loss, hat):
         dof**2 / max(of, 1e-9) if of < dof else dof for dof, of in zip(free, factors)]
 
 
-def need_rows(n, k, given):
-    """ValueError where `n` rows do not determine `k` coefficients; `given`: with sigmas."""
-    # with given sigmas the covariance needs no redundancy
-    if 2 * n < k or (2 * n == k and not given) or n == 0:
-        raise ValueError(
-            f'{n} usable observations do not determine {k} coefficients; observe at least '
-            f'{k // 2 + 1} stars or fit fewer terms')
-
-
 def satterthwaite(parts, freedom):
     """Degrees of freedom of a sum of variances that are estimated each by itself.
 

@@ -18,8 +18,6 @@ from html import escape
 
 import numpy as np
 
-from msg_tools.units import even_sample
-
 from .page_parts import Markup
 
 #: points drawn at most in one panel; the figures beside them are of all rows
@@ -87,6 +85,11 @@ def text(x, y, words, style='tick', anchor='middle', dy=''):
     return f'<text class="{style}"{anchor} x="{_n(x)}" y="{_n(y)}"{dy}>{clean(words)}</text>'
 
 
+def thinned(rows, limit):
+    """Of some rows each second, third and so on: at most so many."""
+    return rows[::-(-len(rows) // limit) or 1]
+
+
 class Panel:
     """Axes of one figure: data to drawing, ticks, points, lines.
 
@@ -142,7 +145,7 @@ class Panel:
     def _places(self, x, y, limit=MAX_POINTS):
         """Which values to draw, and where: what lies beyond the frame at its edge."""
         x, y = np.asarray(x, float), np.asarray(y, float)
-        good = even_sample(np.flatnonzero(np.isfinite(x) & np.isfinite(y)), limit)
+        good = thinned(np.flatnonzero(np.isfinite(x) & np.isfinite(y)), limit)
         return good, self.x(x[good]), self.y(np.clip(y[good], *self.y_range))
 
     def moving(self, axes):

@@ -16,12 +16,11 @@
 
 import numpy as np
 
-from msg_tools.units import even_sample
 from pointing_model.effects.base import arcsec
 from pointing_model.rms import rms
 
 from . import page_parts as page
-from .drawing import Panel, SkyMap, limit_of, padded, svg, text, ticks
+from .drawing import Panel, SkyMap, limit_of, padded, svg, text, thinned, ticks
 from .number_wording import group_name, number
 from .star_table import WHENS, stars_table
 
@@ -69,7 +68,7 @@ def sky_maps(data):
     if not used.any():
         return None
     lowest = min(max(0.0, 10.0 * np.floor(np.degrees(data.el[used].min()) / 10.0)), 60.0)
-    drawn = even_sample(np.flatnonzero(used), MAX_ARROWS)
+    drawn = thinned(np.flatnonzero(used), MAX_ARROWS)
     long = 34.0 if len(drawn) <= 150 else 24.0
     typical = {when: float(np.quantile(np.hypot(*data.of(when)[:, used]), 0.9)) for when in WHENS}
     places, toward = (data.az[drawn], data.el[drawn]), {}
@@ -187,7 +186,7 @@ def _marks(panel, x, y, data, when, linked=True, axes=(None, None)):
     """What counts as dots, the others as crosses; `axes`: which residuals are drawn."""
     moves = f' data-when="{when}"{panel.moving(axes)}'
     linked = linked and len(data) <= MAX_POINTED
-    rest = even_sample(np.flatnonzero(data.known & ~data.used & np.isfinite(x)), MAX_LINKED)
+    rest = thinned(np.flatnonzero(data.known & ~data.used & np.isfinite(x)), MAX_LINKED)
     rows = np.flatnonzero(data.used & np.isfinite(x))
     panel.points(np.asarray(x)[rows], np.asarray(y)[rows], when,
                  keys=[data.keys[i] for i in rows] if linked else None,
