@@ -249,7 +249,9 @@ def jump_findings(rows, terms):
         left = GroupColumns.alone(design).left_of(value, white).reshape(2, n)[:, good]
         rms.append(np.sqrt(2.0 * np.square(left).sum()
                            / max(2 * np.count_nonzero(good) - len(design), 1)))
-    if rms[0] < _FALL * rms[1] or np.count_nonzero(~good) > n // 4:
+    run = rows.sequence.run
+    if (rms[0] < _FALL * rms[1] or np.count_nonzero(~good) > n // 4
+            or run[place.before] != run[place.after]):  # runs fitted as one: that is said
         return []
     axis = int(np.argmax(np.abs(place.amounts)))
     return [Finding(_JUMP, place.amounts[axis] / ARCSEC, before=rms[0] / ARCSEC,
