@@ -24,6 +24,7 @@ from pointing_model.zero import NO_ZERO, is_for_zero
 from pointing_model.zero_drift import Following
 
 from .analysis.diagnosis.input_check import check_columns
+from .analysis.diagnosis.residual_patterns import ResidualRows, jump_findings
 from .analysis.encoders.count_drift import zero_following
 from .analysis.external_check import power_on_check, split_half, ways
 from .analysis.fit_result import FitResult
@@ -113,7 +114,6 @@ def fit_night(observations, zeros, harmonics, seed):
     ValueError
         Too few stars.
     """
-    from .analysis.diagnosis.residual_patterns import ResidualRows, jump_findings
     observed = for_fitting(observations)
     follows = zero_following(observed)
     rows = follows.corrected(observed)

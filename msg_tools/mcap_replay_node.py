@@ -316,7 +316,9 @@ class McapReplay(MountNode):
             pub.wait_for_all_acked(Duration(seconds=30))
         self._state = 'done'
         self.get_logger().info(f'{self._sent} messages published')
-        if self._sent and not any(pub.get_subscription_count() for pub in self._replayed.values()):
+        _, at_start = self._subscribers[0]
+        if self._sent and not at_start and not any(
+                pub.get_subscription_count() for pub in self._replayed.values()):
             self.get_logger().warning('nobody subscribes to what was published')
         for problem in self._reader.problems:
             self.get_logger().warning(f'{self.value("bag")}: {problem}')

@@ -217,7 +217,8 @@ class Chance:
         self._group = np.arange(n) if group is None else np.unique(group, return_inverse=True)[1]
         self._rng, self._n, self._count = rng.spawn(1)[0], n, count
         self._memory_tests, self._likelihood, self._whole = {}, None, whole
-        self._simulated_for, self._further = (None, []), []
+        self._simulated_for = None, []
+        self._further = []  # flips beyond `signs`, each as many
         if whole is None:
             self.signs = self._drawn(rng)
 

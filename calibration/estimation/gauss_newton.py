@@ -53,7 +53,7 @@ _BENT, _WEAK = 0.3, 0.01
 #: of none but coefficients that another direction leaves open anyway
 _WIDE, _WIDE_OPEN = 0.0175, 0.0044
 #: chance that noise of the given sigmas makes an axis scatter more, or less (of 1000 runs with
-#: right sigmas 5 are told otherwise; of 8 rows 8); and part of the sigmas that is far less
+#: right sigmas 5 are found wrong; of 8 rows 8); and part of the sigmas that is far less
 _BY_CHANCE, _FAR_LESS = 0.002, 1.0 / 1.5
 #: of rcond, within the directions kept: their design changes with the weights, and what was chosen
 #: once must not drop out for that

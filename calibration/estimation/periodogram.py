@@ -407,7 +407,7 @@ class PeriodBank(CandidateBank):
         return self.as_good(fit, self.line[g], best - width, best - 2.0 * width,
                             [own * n for n in orders])
 
-    def as_good(self, fit, scan, least, untuned, apart=()):
+    def as_good(self, fit, scan, least, untuned, known=()):
         """Rates of a scan that gain so much once they are tuned, and nearly so before.
 
         Parameters
@@ -415,7 +415,7 @@ class PeriodBank(CandidateBank):
         fit : WeightedFit
         scan : int
         least, untuned : float
-        apart : sequence of float
+        known : sequence of float
             Rates: none within a resolution element of these.
 
         Returns
@@ -430,7 +430,7 @@ class PeriodBank(CandidateBank):
             rate = float(self.scans[scan].rates[k])
             if gains[k] < untuned or len(out) > 9:
                 break
-            if all(abs(rate - other) > spacing for other in (*out, *apart)):
+            if all(abs(rate - other) > spacing for other in (*out, *known)):
                 tuned, gain = self.tuned_rate(fit, int(first[k]), rate)
                 if gain > least:
                     out.append(tuned)

@@ -246,7 +246,7 @@ def _twins(problem, choice, one=None, near=None):
     """
     bank, line, out = near or problem.dictionary, problem.dictionary.line, []
     for other in choice.chosen:
-        if other == one or not other.plain or 'centre' not in other.effect(problem).searched:
+        if other == one or not other.plain or not other.effect(problem).is_bump:
             continue
         if near is None:
             groups = np.flatnonzero(line == line[other.group])

@@ -72,6 +72,13 @@ class SelectionProblem:
     _fits: dict = field(default_factory=dict, repr=False)
 
     @property
+    def scale_unit(self):
+        """What scales of the noise are in, shape (2,): RMS of the given sigmas of x and y, or 1."""
+        if self.inverse_sigma is None:
+            return np.ones(2)
+        return np.sqrt(np.mean(1.0 / np.square(self.inverse_sigma.reshape(2, -1)), axis=1))
+
+    @property
     def plain(self):
         """The same, with noise that has no memory."""
         return replace(self, sequence=None)

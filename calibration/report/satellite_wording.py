@@ -47,10 +47,10 @@ def _pass_left_out(found):
 
 
 def _zero_of_power_on(found):
-    apart = ', '.join('{} {} ± {}″'.format(name, *value_and_error(*one))
+    each = ', '.join('{} {} ± {}″'.format(name, *value_and_error(*one))
                       for name, one in found['zeros'].items())
     return (f'The terms have the zeros of power-on {found["newest"]:g}, the newest. Those of '
-            f'power-on {found["run"]:g} differ: {apart}')
+            f'power-on {found["run"]:g} differ: {each}')
 
 
 def _stamps(found):

@@ -202,6 +202,11 @@ class Effect:
         return self.summary or self.cause
 
     @property
+    def is_bump(self):
+        """Whether a place and a width are sought at which it is, and nowhere else."""
+        return 'centre' in self.searched
+
+    @property
     def line(self):
         """Its line in a ranking: all members of a scan are one."""
         if self.scan is None:

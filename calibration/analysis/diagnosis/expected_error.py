@@ -175,10 +175,8 @@ def ahead(problem, chosen, rng):
     """
     plain = problem.plain.fit(chosen)
     raw, root = (v.reshape(2, -1) for v in (plain.raw, plain.noise.root))
-    # with given sigmas the scales are in these
-    unit = np.ones(2) if problem.inverse_sigma is None else np.mean(
-        1.0 / np.square(problem.inverse_sigma.reshape(2, -1)), axis=1)
-    noise = np.repeat((unit * np.square(plain.scale))[:, None], _SIMULATED, axis=1)
+    unit = problem.scale_unit
+    noise = np.repeat(np.square(unit * plain.scale)[:, None], _SIMULATED, axis=1)
     squares = np.zeros(_SIMULATED)
     for axis, (every, chance) in enumerate(problem.likely_memories(chosen)):
         which = rng.choice(len(every), _SIMULATED, p=chance)
@@ -186,7 +184,7 @@ def ahead(problem, chosen, rng):
             nights = np.flatnonzero(which == k)
             squares[nights] += _after(problem.sequence, every[k], root[axis] * plain.scale[axis]
                                       / every[k].scale, raw[axis], len(nights), rng)
-            noise[axis, nights] = unit[axis] * every[k].scale**2
+            noise[axis, nights] = (unit[axis] * every[k].scale)**2
     fitted = 1.0 + len(plain.basis) / (2.0 * problem.n)  # the error of the terms
     return squares, np.where(squares > 0.0, fitted * noise.sum(axis=0), np.nan)
 

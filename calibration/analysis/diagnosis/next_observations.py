@@ -255,8 +255,7 @@ def _beyond_other_runs(shared, rows, noise, last):
 
 def _noise(fit, problem, context):
     """Noise of each axis of new observations, shape (2, m), radians, with what it remembers."""
-    unit = np.ones(2) if problem.inverse_sigma is None else 1.0 / problem.inverse_sigma.reshape(
-        2, -1).mean(axis=1)
+    unit = problem.scale_unit
     noise = np.repeat((fit.scale * unit)[:, None], len(context), axis=1)
     for axis, one in enumerate(fit.memory):
         on_sky = context.trig.cos_el if one.scaled else 1.0

@@ -174,14 +174,11 @@ def correlation_entry(found, run, chosen, residual):
     gap = sequence.gap
     usual = float(np.quantile(gap[np.isfinite(gap)], 0.9))
     axes, slow = {}, False
-    typical = 1.0 if problem.inverse_sigma is None else 1.0 / np.median(
-        problem.inverse_sigma.reshape(2, -1), axis=1)
-    typical = np.broadcast_to(typical, 2)
     seen = PairDifferences(context, sequence, residual,
                            problem.plain.fit(chosen).weights > 0.0, distance)
     for name, one in found.axes.items():
         axis = ('az', 'el').index(name)
-        near = (one.scale * typical[axis])**2 + one.variance * -np.expm1(
+        near = (one.scale * problem.scale_unit[axis])**2 + one.variance * -np.expm1(
             -float(np.median(gap[np.isfinite(gap)])) / one.memory)
         axes[name] = {'sigma_arcsec': float(np.sqrt(one.variance) / ARCSEC),
                       'memory': float(one.memory / unit), 'span': sequence.span / unit,

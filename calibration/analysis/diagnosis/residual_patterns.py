@@ -50,6 +50,8 @@ MOST_ROWS = 5000
 STEP = 'step between visits'
 MOVES = (STEP, 'moved between visits')
 _TOGETHER, _ALIKE, _JUMP = 'outliers together', 'consecutive rows alike', 'zeros jumped'
+#: rad: what is left is rounding, and no noise
+_ROUNDING = 1e-6 * ARCSEC
 #: chance that rows of white noise are so like the row before, on an axis; robust sigmas beyond
 #: which a row counts as so far off
 _BY_CHANCE, _AT_MOST = 1e-3, 3.0
@@ -192,7 +194,7 @@ def memory_findings(rows, terms):
     weights = np.ones((2, len(order))) if rows.sigma is None else 1.0 / rows.sigma
     values = rows.residual * weights
     noise = np.array([[sigma_of(one)] for one in values])
-    if not len(order) or not (noise > 0.0).all():
+    if not len(order) or min(map(sigma_of, rows.residual)) < _ROUNDING:
         return []
     columns = stacked_design(terms, rows.context.az, rows.context.el, rows.context.mount)
     both = np.concatenate((np.clip(values / noise, -_AT_MOST, _AT_MOST)[None],
@@ -250,7 +252,7 @@ def jump_findings(rows, terms):
         rms.append(np.sqrt(2.0 * np.square(left).sum()
                            / max(2 * np.count_nonzero(good) - len(design), 1)))
     run = rows.sequence.run
-    if (rms[0] < _FALL * rms[1] or np.count_nonzero(~good) > n // 4
+    if (rms[0] < max(_FALL * rms[1], _ROUNDING) or np.count_nonzero(~good) > n // 4
             or run[place.before] != run[place.after]):  # runs fitted as one: that is said
         return []
     axis = int(np.argmax(np.abs(place.amounts)))

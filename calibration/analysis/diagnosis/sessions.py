@@ -180,7 +180,7 @@ def with_zeros_of_terms(result, before, after):
     ----------
     result : Diagnosis
     before, after : sequence of PointingRun
-        As of `with_zeros`; numbers of several files are not known apart, so those carry none.
+        As of `with_zeros`; numbers of several files cannot be distinguished: those carry none.
     """
     index, model, own = result.model.mount.names.index, result.model, result.run_terms
     before = [before] if isinstance(before, PointingRun) else before

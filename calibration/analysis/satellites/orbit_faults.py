@@ -65,13 +65,12 @@ def fault_chances(tracks, **options):
     # the noise is that of tracks of which each may be wrong: a fault is none of it
     full = fit_tracks(tracks, drifts=names, **options)
     columns, noise = full.columns, full.noises[0][0]
-    left = (full.after + columns.orbits(full.values)).ravel()
+    left, mean = _before_orbits(full)
     gram = gram_of(noise.whiten(columns.columns), noise.whiten(left))
     plain = np.ones(len(columns.names), bool)
     for part, _ in columns.drifts.values():
         plain[part] = False
-    prior, mean = full.precision, full.prior_mean - full.values
-    mean[columns.terms:] = 0.0
+    prior = full.precision
     logs = {'': _evidence(gram, noise.count, prior, mean, plain, None, 0.0) + np.log(0.5)}
     for name in names:
         part, covariance = columns.drifts[name]
@@ -84,6 +83,13 @@ def fault_chances(tracks, **options):
         logs[name] = float(np.logaddexp.reduce(tried)) + np.log(
             0.5 / len(names) / len(_SIZES))
     return probabilities(logs)
+
+
+def _before_orbits(fit):
+    """What the terms of a fit leave, shape (2n,), and what was known of all that is added to it."""
+    mean = fit.prior_mean - fit.values
+    mean[fit.columns.terms:] = 0.0
+    return (fit.after + fit.columns.orbits(fit.values)).ravel(), mean
 
 
 def _evidence(gram, count, prior, mean, kept, drift, log_prior):
@@ -122,10 +128,8 @@ def stray_passes(tracks, least=0.0, **options):
         rows = tracks.arc == arc
         if np.mean(fit.weights[rows] == 0.0) > _MOST_LOST and alone - len(out) > 1:
             out.append(_pass_finding(tracks, arc, np.nan))
-    columns, root = fit.columns, fit.noises[0][0].root
-    left = (fit.after + columns.orbits(fit.values)).ravel()
-    prior, mean = fit.precision, fit.prior_mean - fit.values
-    mean[columns.terms:] = 0.0
+    columns, root, prior = fit.columns, fit.noises[0][0].root, fit.precision
+    left, mean = _before_orbits(fit)
     white = columns.columns * root, left * root
     grams = {arc: gram_of(*(one[..., both] for one in white)) for arc in np.unique(tracks.arc)
              for both in [np.flatnonzero(np.tile(tracks.arc == arc, 2) & (root > 0.0))]}

@@ -65,7 +65,7 @@ def whole(of, dynamics, first):
 
 
 class Trend:
-    """A level that goes on by a slope that wanders, beside what stays: a dynamics that the product
+    """A level that goes on by a slope that drifts, beside what stays: a dynamics that the product
     does not have.
     """
 

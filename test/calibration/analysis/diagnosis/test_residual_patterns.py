@@ -239,3 +239,12 @@ def test_zeros_that_drift_or_scatter_do_not_jump(noise):
 def jumps(run):
     fit = fit_terms(run)
     return jump_findings(ResidualRows.from_fit(run, fit), tuple(fit.model.terms))
+
+
+def test_what_rounding_leaves_is_no_noise():
+    """Of exact readings the last digits are alike from row to row."""
+    for seed in range(20):
+        run = night(seed, 40, noise=lambda rng, el: np.zeros((2, len(el))))
+        fit = fit_terms(run)
+        rows, terms = ResidualRows.from_fit(run, fit), tuple(fit.model.terms)
+        assert memory_findings(rows, terms) == jump_findings(rows, terms) == []
