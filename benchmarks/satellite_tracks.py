@@ -31,8 +31,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.satellites.orbit_faults import fit_without_faults
 from calibration.analysis.satellites.track_columns import CLOCK, track_columns
+from calibration.analysis.satellites.track_faults import fit_without_faults
 from calibration.analysis.satellites.track_fit import fit_tracks
 from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG

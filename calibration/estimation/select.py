@@ -31,20 +31,13 @@ import numpy as np
 
 from .backward_elimination import eliminate
 from .candidates import CandidateGroup, best_of, largest
-from .chance import ChanceTest
+from .chance import MEMORY_SHARE, SHARES, ChanceTest
 from .group_columns import orthonormal
 from .linear_model import DISTINCT
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
 from .significance import SET_WIDTH, beside_memory
 
-#: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
-#: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
-#: conservative: together they stay below it (measured, benchmarks/diagnosis.py).
-SHARES = {'dictionary': 0.45, 'scans': 0.45, 'periods': 0.15, 'curves': 0.18}
-#: the same of what is not beyond noise with memory by its estimate, for either share of the
-#: dictionary: of nights whose noise has memory this many are to have a false effect so
-MEMORY_SHARE = 0.75
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
 #: effects that a search adds, at most

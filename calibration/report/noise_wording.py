@@ -193,3 +193,14 @@ def axes_sentence(document):
         out.append(f'The data do not determine whether it scatters as cos {letter} (drive, '
                    'encoder, clock) or evenly (optics, camera).')
     return ' '.join(out)
+
+
+def _consecutive(found):
+    terms = ' and '.join(found['terms'])
+    return (f'Consecutive rows err alike in {" and ".join(found["axes"])} (correlation '
+            f'{min(found.size, 0.99):.1f}): the error of {terms or "the terms"} is larger than '
+            'printed. telescope-mount diagnose reckons with it')
+
+
+#: kind of a `Finding` -> its sentence
+KINDS = {'consecutive rows alike': _consecutive}

@@ -293,13 +293,6 @@ def _moved(found):
             f'visited before and after')
 
 
-def _consecutive(found):
-    terms = ' and '.join(found['terms'])
-    return (f'Consecutive rows err alike in {" and ".join(found["axes"])} (correlation '
-            f'{min(found.size, 0.99):.1f}): the error of {terms or "the terms"} is larger than '
-            'printed. telescope-mount diagnose reckons with it')
-
-
 def _step(found):
     text = f'{_moved(found)}: a step, beyond drift or correlated noise. '
     text += 'A session with new zeros begins there. ' * (found.todo == 'own zeros')
@@ -339,7 +332,6 @@ KINDS = {
     'moved between visits': lambda found: (
         f'{_moved(found)}. A step, drift and correlated noise cannot be distinguished here'),
     'step between visits': _step,
-    'consecutive rows alike': _consecutive,
     'zeros jumped': lambda found: (
         f'The zero of the {found["axis"]} jumped by {arcsec(found.size, sign=True)} between '
         f'{found["word"]}s {found["before"]} and {found["after"]}. With new zeros there the RMS '

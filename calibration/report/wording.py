@@ -21,6 +21,7 @@ from . import (
     discrimination_wording,
     encoder_wording,
     fit_wording,
+    noise_wording,
     period_wording,
     prediction_wording,
     row_wording,
@@ -36,7 +37,7 @@ KINDS = {
     **track_wording.KINDS, **encoder_wording.KINDS,
     **zero_wording.KINDS, **season_wording.KINDS,
     **discrimination_wording.KINDS, **prediction_wording.KINDS,
-    **period_wording.KINDS, **satellite_wording.KINDS,
+    **period_wording.KINDS, **satellite_wording.KINDS, **noise_wording.KINDS,
 }
 
 

@@ -56,8 +56,8 @@ def add(commands):
 
 def run(args):
     """Read, fit, diagnose, print, write."""
-    from calibration.analysis.satellites.orbit_faults import fit_without_faults
     from calibration.analysis.satellites.stamp_check import wrong_track
+    from calibration.analysis.satellites.track_faults import fit_without_faults
     from calibration.analysis.satellites.track_fit import with_origin
     from calibration.analysis.satellites.track_summary import track_document
     from calibration.report.fit_wording import origin_sentence

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 from calibration.estimation.candidates import CandidateBank
-from calibration.estimation.chance import Chance
+from calibration.estimation.chance import SHARES, Chance
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.periodogram import SHAPES, PeriodBank, WaveScan, rate_error
-from calibration.estimation.select import SHARES, search
+from calibration.estimation.select import search
 from calibration.estimation.selection_problem import SelectionProblem
 
 

@@ -21,7 +21,7 @@ import pytest
 from made_tracks import SITE, TRUTH, made_orbit, made_tracks, passes
 
 from calibration.analysis.satellites.normal_points import normal_points
-from calibration.analysis.satellites.orbit_faults import fault_chances, fit_without_faults
+from calibration.analysis.satellites.track_faults import fault_chances, fit_without_faults
 from calibration.analysis.satellites.track_fit import fit_tracks, with_origin
 from calibration.analysis.satellites.track_summary import track_document
 from calibration.analysis.term_fit import fit_terms
