@@ -40,7 +40,8 @@ from race import Row, race
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.sky.site import DEFAULT_SITE, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import DEFAULT_SITE
 
 
 def raced(part, size, wanted, ours, peers, rounds=5):

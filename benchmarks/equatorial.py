@@ -54,7 +54,8 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.mounts import Mount, through_pole
 from pointing_model.runs.run_reader import read_run
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 
 ROOT = Path(__file__).resolve().parent.parent
 COATLI = {'site': Site(31.0455305556 * DEG, -115.4669 * DEG, 2790.0),

@@ -36,7 +36,8 @@ from pointing_model.mounts import Mount
 from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.earth import terrestrial
 from pointing_model.sky.places import observed_to_icrs, sidereal_time
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 
 START = 1.777e9  # 2026-04-24
 EQUINOXES = ('J2000', 'of date')

@@ -64,7 +64,8 @@ from calibration.estimation.folds import contiguous_folds, random_folds
 from calibration.estimation.predictor import DRIVEN, rows_left_out
 from calibration.estimation.shrinkage import Beyond, chosen
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 from telescope_mount.run_loader import load_run
 
 ROOT = Path(__file__).resolve().parent.parent

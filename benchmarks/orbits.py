@@ -36,8 +36,9 @@ from pointing_model.sky.earth import earth_orientation, split_utc
 from pointing_model.sky.elements import Satellite, turned
 from pointing_model.sky.orbits.ephemeris import Arc, lagrange
 from pointing_model.sky.orbits.orbit_files import Orbits
+from pointing_model.sky.refraction import Weather
 from pointing_model.sky.satellite_place import Corrections, satellite_place
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.site import Site
 
 DATA = Path(__file__).resolve().parent.parent.parent / 'shared' / 'data' / 'orbits'
 #: file -> what is in it, limit of the RMS (m)

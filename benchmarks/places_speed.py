@@ -30,7 +30,8 @@ from race import Row, peer, race, show_rows
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.frame import full_frame
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue
 
 EPOCHS = 10_000

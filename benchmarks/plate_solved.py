@@ -48,7 +48,8 @@ from pointing_model.runs.formats.csv import iso_utc
 from pointing_model.runs.plate_solves.frames import parse_frame, to_icrs
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import observed_place, observed_to_icrs
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.observing.reading_pairs import centred
 

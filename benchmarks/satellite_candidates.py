@@ -33,8 +33,9 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.pointing_terms import design
 from pointing_model.sky.earth import TURN_RATE
-from pointing_model.sky.satellite_place import Corrections, refracted, satellite_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER, refracted_elevation
+from pointing_model.sky.satellite_place import Corrections, satellite_place
+from pointing_model.sky.site import DEFAULT_SITE
 
 _RATE_STEP = 0.5  # s
 _MOUNT = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
@@ -288,6 +289,6 @@ def polaris_effects(site, weather):
     for name in _MOUNT:
         x, y = (float(v[0, 0]) for v in design([name], 0.0, site.latitude))
         out[name] = x / np.cos(site.latitude), y
-    bent = refracted(site.latitude, weather) - site.latitude
+    bent = refracted_elevation(site.latitude, weather) - site.latitude
     out['refraction_percent'] = 0.0, 0.01 * bent / ARCSEC
     return out

@@ -33,9 +33,10 @@ from satellite_candidates import (
 
 from calibration.analysis.external_check import PAPER
 from msg_tools.units import DEG
+from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.satellite_passes import passes
 from pointing_model.sky.satellite_place import satellite_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 
 STEP = 30.0  # s between the samples of a pass
 ARC_EVERY = 300.0  # s between the starts of arcs

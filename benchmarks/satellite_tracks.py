@@ -41,8 +41,9 @@ from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import SatelliteTracks, satellite_tracks
 from pointing_model.sky.orbits.orbit_files import Orbits
+from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.satellite_place import satellite_place
-from pointing_model.sky.site import DEFAULT_WEATHER, Site
+from pointing_model.sky.site import Site
 
 DATA = Path(__file__).resolve().parent.parent.parent / 'shared' / 'data' / 'orbits'
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)

@@ -46,7 +46,8 @@ from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget, load_catalogue
 from pointing_model.zero import Zeros
 from pointing_model.zero_drift import Following

@@ -40,7 +40,8 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_WEATHER, Site
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import Site
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.zero import MARK
 from telescope_mount.observing.star_choice import ANYWHERE, axes_at, choose_stars

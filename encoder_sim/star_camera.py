@@ -18,13 +18,13 @@ from collections import Counter
 from dataclasses import astuple, dataclass, replace
 from typing import NamedTuple
 
-import erfa
 import numpy as np
 
 from msg_tools.units import DEG
 from pointing_model.sky.earth import TURN_RATE
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather
+from pointing_model.sky.refraction import DEFAULT_WEATHER, Weather, refraction_constants
+from pointing_model.sky.site import DEFAULT_SITE, Site
 from pointing_model.sky.star_catalogue import load_catalogue
 
 from . import keyed_noise
@@ -99,7 +99,7 @@ class Camera:
     seed : int
     site : site.Site
         Where the mount is, if the scenario does not say.
-    weather : site.Weather
+    weather : refraction.Weather
         The same of the air.
     start : float
         Start of the night, UTC s, from which the temperature changes.
@@ -128,7 +128,7 @@ class Camera:
             self.weather = Weather(
                 air.pressure, air.temperature, air.humidity, air.wavelength * 1e6)
         self._layers = TurbulentRefraction(
-            scenario.layers, refraction_constant(self.weather), seed)
+            scenario.layers, refraction_constants(self.weather)[0], seed)
         self._stars = load_catalogue(self.params.mag_limit)
         self._coarse = None  # (time, unit vectors of all stars then)
         self.exposed = Counter()
@@ -271,9 +271,3 @@ class Camera:
             self.exposed[star] += 1
             out.append((star << 32) + self.exposed[star])
         return np.array(out, dtype=np.int64)
-
-
-def refraction_constant(weather):
-    """Refraction at 45 deg of zenith distance, but for its cube, rad."""
-    return float(erfa.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
-                            weather.wavelength_um)[0])

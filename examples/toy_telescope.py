@@ -62,7 +62,8 @@ import numpy as np  # noqa: E402
 
 from pointing_model.model import PointingModel  # noqa: E402
 from pointing_model.sky.places import observed_place  # noqa: E402
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER  # noqa: E402
+from pointing_model.sky.refraction import DEFAULT_WEATHER  # noqa: E402
+from pointing_model.sky.site import DEFAULT_SITE  # noqa: E402
 from pointing_model.sky.star_catalogue import load_catalogue, satellite_target  # noqa: E402
 
 TERMS = {'IA': 180.0, 'IE': -90.0, 'CA': 20.0, 'NPAE': -8.0, 'AN': 12.0, 'AW': -25.0, 'TF': 15.0}

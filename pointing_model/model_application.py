@@ -115,7 +115,7 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
     ValueError
         No latitude, or another one than that of the mount; a site, time or air out of range.
     """
-    from pointing_model.sky.site import air_at
+    from pointing_model.sky.refraction import air_at
 
     from .runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
     from .sky.places import observed_directions

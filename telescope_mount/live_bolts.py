@@ -31,7 +31,8 @@ from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
 from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.plate_solves.solvers import NotSolved, find_solver
 from pointing_model.sky.places import observed_directions
-from pointing_model.sky.site import Site, air_at
+from pointing_model.sky.refraction import air_at
+from pointing_model.sky.site import Site
 
 from .bolt_watch import COLLECTED, STOPPED, THREE, BoltWatch
 

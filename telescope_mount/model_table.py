@@ -33,7 +33,7 @@ from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.columns.run_table import content, lines_of, own_name
 from pointing_model.runs.columns.text_rows import TextRows, decimal_points, is_number
 from pointing_model.runs.run import COLUMNS, column_name
-from pointing_model.sky.site import air_of_rows
+from pointing_model.sky.refraction import air_of_rows
 from pointing_model.zero import carried_zeros
 from pointing_model.zero_drift import KEY
 

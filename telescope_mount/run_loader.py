@@ -54,7 +54,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         Where azimuth 0 is in a TPOINT file.
     site : pointing_model.sky.site.Site, optional
         Kept in ``meta``; needed for a CSV with ``ra_deg, dec_deg``.
-    weather : pointing_model.sky.site.Weather or dict, optional
+    weather : pointing_model.sky.refraction.Weather or dict, optional
         For the refraction of such a CSV; of a dict, what it has is taken in place of the file's.
     encoder : {'enc', 'abs'}, optional
         'abs' takes the second encoder for the first.

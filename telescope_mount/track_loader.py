@@ -30,7 +30,8 @@ from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
 from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.places import icrs_to_observed
-from pointing_model.sky.site import Site, Weather, air_at, air_of_rows
+from pointing_model.sky.refraction import Weather, air_at, air_of_rows
+from pointing_model.sky.site import Site
 from telescope_mount.night_files import log_of
 
 from .observing.reading_pairs import centred

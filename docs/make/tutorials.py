@@ -39,7 +39,8 @@ from pointing_model.mounts import is_beyond, through_pole  # noqa: E402
 from pointing_model.runs.formats.csv import iso_utc  # noqa: E402
 from pointing_model.runs.plate_solves.frames import OF_DATE, to_icrs  # noqa: E402
 from pointing_model.sky.places import observed_to_icrs, sidereal_time  # noqa: E402
-from pointing_model.sky.site import DEFAULT_SITE, Weather  # noqa: E402
+from pointing_model.sky.refraction import Weather  # noqa: E402
+from pointing_model.sky.site import DEFAULT_SITE  # noqa: E402
 from telescope_mount.run_loader import load_run  # noqa: E402
 
 #: name of a picture, command that makes its page, width and height that are shown, pixels

@@ -66,7 +66,7 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
         place of what the file gives, what a dict has not as the file gives it; ``meta['notes']``
         says so if its latitude is another than the file's.
-    weather : pointing_model.sky.site.Weather or dict, optional
+    weather : pointing_model.sky.refraction.Weather or dict, optional
         For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
         ``pressure_hpa``. What is not given is as the file has it, else a standard atmosphere at
         the site, 10 C.

@@ -40,6 +40,7 @@ from .iers_tables import C04_FIRST, extent, learn_leap_seconds, rows_of, tai_utc
 
 MJD_1970 = 40587.0
 DAY = 86400.0
+EARTH_RADIUS = 6378137.0  # m, equatorial (WGS84)
 TURN_RATE = 2.0 * np.pi * 1.00273781191135448 / DAY  # Earth rotation, rad per second of UT1
 
 RATE_WALK = 0.085  # s, growing with years^1.45: measured on C04, see above

@@ -29,7 +29,8 @@ from msg_tools.units import wrap
 
 from .earth import terrestrial
 from .frame import frame
-from .site import DEFAULT_SITE, DEFAULT_WEATHER, Weather, refracted
+from .refraction import DEFAULT_WEATHER, Weather, with_refraction
+from .site import DEFAULT_SITE
 from .star_rates import SIDEREAL
 
 
@@ -133,7 +134,7 @@ def observed_to_icrs(az, el, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
         refraction).
     """
     az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
-    astrom = refracted(_frame(time, site, None if az.ndim == 0 else az.size), weather)
+    astrom = with_refraction(_frame(time, site, None if az.ndim == 0 else az.size), weather)
     cirs = erfa.ufunc.atoiq(b'A', az, np.pi / 2.0 - el, astrom)
     return erfa.ufunc.aticq(*cirs, astrom)
 
@@ -202,5 +203,5 @@ def _frame(time, site, count):
 
 
 def _directions(cirs, astrom, weather):
-    az, zenith_distance, ha, dec, _ = erfa.ufunc.atioq(*cirs, refracted(astrom, weather))
+    az, zenith_distance, ha, dec, _ = erfa.ufunc.atioq(*cirs, with_refraction(astrom, weather))
     return Observed(az, np.pi / 2.0 - zenith_distance, ha, dec)

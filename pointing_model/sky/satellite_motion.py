@@ -24,8 +24,9 @@ from pointing_model.mounts import ALTAZ
 
 from .earth import TURN_RATE
 from .elements import turned
+from .refraction import DEFAULT_WEATHER
 from .satellite_place import horizon_axes, satellite_place
-from .site import DEFAULT_SITE, DEFAULT_WEATHER
+from .site import DEFAULT_SITE
 
 #: s, to either side: the third derivative of a low satellite's place makes 0.01" in it
 _STEP = 0.25

@@ -25,11 +25,7 @@ The steps, and what they rest on:
   aberration displaces it back by as much (planetary aberration: Urban & Seidelmann, Explanatory
   Supplement, 3rd ed., ch. 7; the tests go that way, with Skyfield, and arrive within 0.001"). A
   star keeps its aberration.
-* Refraction as in `sky` (A tan z + B tan^3 z as ERFA applies it), less what the
-  finite distance takes away (G. H. Kaplan, Atmospheric refraction of light from nearby objects in
-  space, 2014): the ray of a star passes n0 r0 sin z0 from the Earth's centre, so beyond the air
-  it runs beside the straight line to the observer; for a GPS satellite that makes 0.15" at 20
-  degrees of elevation.
+* Refraction and parallactic refraction: `refraction.refracted_elevation`.
 
 What is done with an orbit here is good to 0.001"; how good the orbit is, its `sigma` says.
 """
@@ -39,13 +35,10 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
-from .earth import DAY, TURN_RATE, earth_orientation, split_utc, terrestrial
+from .earth import DAY, EARTH_RADIUS, TURN_RATE, earth_orientation, split_utc, terrestrial
 from .elements import turned
-from .site import DEFAULT_SITE, DEFAULT_WEATHER
-
-_EARTH_RADIUS = 6378137.0  # m, equatorial, for the shadow
-# what ERFA's atioq takes as the least cosine and sine of an elevation
-_LEAST_COS, _LEAST_SIN = 1e-6, 0.05
+from .refraction import DEFAULT_WEATHER, refracted_elevation
+from .site import DEFAULT_SITE
 
 
 @dataclass(frozen=True)
@@ -127,47 +120,8 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
     az, el = _horizontal(seen + velocity / erfa.CMPS, site)
     if corrections.refraction:
         far = np.inf if not corrections.parallactic_refraction else distance
-        el = refracted(el, weather, far, float(_length(ground)))
+        el = refracted_elevation(el, weather, far, float(_length(ground)))
     return np.mod(az, 2.0 * np.pi), el, distance
-
-
-def refracted(el, weather, distance=np.inf, radius=_EARTH_RADIUS):
-    """Elevation with refraction.
-
-    Parameters
-    ----------
-    el : float or ndarray
-        Elevation without air, radians.
-    weather : Weather
-    distance : float or ndarray
-        To the object, metres; infinite for a star.
-    radius : float
-        From the Earth's centre to the observer, metres.
-
-    Returns
-    -------
-    float or ndarray
-        Radians; for a star the same as `sky.observed_place`.
-    """
-    refa, refb = erfa.ufunc.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
-                                  weather.wavelength_um)
-    bent = _bent(el, refa, refb)
-    # refco: A = g (1 - b), B = -g (b - g / 2) with g = n0 - 1, hence A - B = g - g^2 / 2
-    excess = 1.0 - np.sqrt(1.0 - 2.0 * (refa - refb))
-    z, seen = np.pi / 2.0 - el, np.pi / 2.0 - (el + bent)
-    beside = radius * ((1.0 + excess) * np.sin(seen) - np.sin(z))
-    lower = el - beside / distance
-    return lower + _bent(lower, refa, refb)
-
-
-def _bent(el, refa, refb):
-    """Refraction as ERFA's atioq has it: one Newton step from the place without air."""
-    cos = np.maximum(np.cos(el), _LEAST_COS)
-    sin = np.maximum(np.sin(el), _LEAST_SIN)
-    tan = cos / sin
-    w = refb * tan * tan
-    bent = (refa + w) * tan / (1.0 + (refa + 3.0 * w) / (sin * sin))
-    return np.arctan2(bent, 1.0 - 0.5 * bent * bent)
 
 
 def in_sunlight(satellite, time):
@@ -190,7 +144,7 @@ def in_sunlight(satellite, time):
     place = satellite.itrf(time)
     along = np.sum(place * sun, axis=-1)
     across = _length(place - along[..., None] * sun)
-    return (along > 0.0) | (across > _EARTH_RADIUS)
+    return (along > 0.0) | (across > EARTH_RADIUS)
 
 
 def _length(vector):

@@ -12,13 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The site of a mount, and the air there with the refraction that ERFA computes of it."""
+"""The site of a mount."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
-import erfa
 import numpy as np
 
 from msg_tools.units import DEG
@@ -30,7 +28,7 @@ class Quantity(NamedTuple):
     Attributes
     ----------
     field : str
-        Of `Site` or `Weather`.
+        Of `Site` or `refraction.Weather`.
     unit : str
         In words.
     size : float
@@ -58,10 +56,6 @@ class Quantity(NamedTuple):
 SITE = {'latitude_deg': Quantity('latitude', 'degrees', DEG, -90.0, 90.0),
         'longitude_deg': Quantity('longitude', 'degrees', DEG, -180.0, 360.0),
         'height_m': Quantity('height', 'm', 1.0, -500.0, 10000.0)}
-AIR = {'pressure_hpa': Quantity('pressure_hpa', 'hPa', 1.0, 0.0, 1200.0),
-       'temperature_c': Quantity('temperature_c', 'degrees Celsius', 1.0, -90.0, 60.0),
-       'humidity': Quantity('humidity', '(a fraction)', 1.0, 0.0, 1.0),
-       'wavelength_um': Quantity('wavelength_um', 'micrometres', 1.0, 0.2, 1e6)}
 
 
 @dataclass(frozen=True)
@@ -91,170 +85,3 @@ class Site:
 
 
 DEFAULT_SITE = Site()
-
-
-@dataclass(frozen=True)
-class Weather:
-    """Air at the mount, for the refraction; each a number or one for each observation.
-
-    Parameters
-    ----------
-    pressure_hpa : float or ndarray
-        Pressure at the mount, not reduced to sea level; 0 means no refraction.
-    temperature_c : float or ndarray
-        Degrees Celsius.
-    humidity : float or ndarray
-        Relative, 0 to 1.
-    wavelength_um : float
-        Micrometres.
-
-    Raises
-    ------
-    ValueError
-        Out of range.
-    """
-
-    pressure_hpa: float = 955.0
-    temperature_c: float = 10.0
-    humidity: float = 0.5
-    wavelength_um: float = 0.55
-
-    def __post_init__(self):
-        for quantity in AIR.values():
-            quantity.check(self)
-
-
-DEFAULT_WEATHER = Weather()
-
-#: part by which a pressure differs from that of a standard atmosphere: weather makes 4 % at most,
-#: and 6 % is one reduced to sea level from 500 m; and the least and most pressure at any telescope
-_UNLIKE, _ANYWHERE = 0.055, (400.0, 1100.0)
-#: hPa of a mm of mercury, which are no pressure in hPa at the height where they are one so
-_MERCURY = 1.33322
-
-
-def standard_pressure(height):
-    """Pressure of a standard atmosphere at a height in metres, hPa."""
-    return 1013.25 * (1.0 - 2.25577e-5 * height) ** 5.25588
-
-
-def air_at(height, given=None):
-    """Air at a height: a standard atmosphere, 10 C, but for what is given.
-
-    Parameters
-    ----------
-    height : float
-        Metres.
-    given : dict, optional
-        Fields of `Weather`.
-
-    Returns
-    -------
-    Weather
-    """
-    return Weather(**{'pressure_hpa': standard_pressure(height), **(given or {})})
-
-
-def air_of_rows(height, pressure=None, temperature=None, declared=None, given=None):
-    """Air of each row: its own, else what was given or declared, else a standard atmosphere.
-
-    A pressure of a row that is none in hPa (0, or another unit) counts as not measured, as does one
-    that is declared; declared or given, 0 is no refraction.
-
-    Parameters
-    ----------
-    height : float or None
-        Of the site, metres; None where it is not known: the air is that of sea level.
-    pressure, temperature : ndarray, shape (n,), optional
-        Of the rows, hPa and degrees Celsius; NaN: not measured.
-    declared, given : dict or None
-        Fields of `Weather` that the file has for all rows, and that were given in their place.
-
-    Returns
-    -------
-    weather : Weather
-    notes : list of str
-        The first says which air it is.
-
-    Raises
-    ------
-    ValueError
-        A pressure given that is none in hPa; out of range.
-    """
-    usual, notes = standard_pressure(height or 0.0), []
-    where = 'at sea level; the height is not given' if height is None else (
-        f'at a height of {height:.0f} m')
-    odd = f'is no pressure in hPa (usual are {usual:.0f} {where})'
-    known = dict(declared or {})
-    one = known.get('pressure_hpa', 0.0)
-    if one != 0.0 and _is_other_unit(one, height):
-        notes.append(f'pressure {known.pop("pressure_hpa"):g} of the file {odd}: taken as not '
-                     'measured')
-    known |= given or {}
-    weather = air_at(height or 0.0, known)
-    if weather.pressure_hpa != 0.0 and _is_other_unit(weather.pressure_hpa, height):
-        raise ValueError(f'pressure {weather.pressure_hpa:g} {odd}; give hPa, or 0: no refraction')
-    text = f'refraction for {round(weather.pressure_hpa, 1):g} hPa, {weather.temperature_c:g} C'
-    if not known:
-        text += f' (standard atmosphere {where})'
-    elif 'pressure_hpa' not in known:
-        text += f' (the pressure of a standard atmosphere {where})'
-    elif not given:
-        text += ', as the file says'
-    own = {'pressure_hpa': pressure, 'temperature_c': temperature}
-    for name, values in own.items():
-        if values is None or not np.isfinite(values).any():
-            own[name] = getattr(weather, name)
-            continue
-        if name == 'pressure_hpa':
-            other = _is_other_unit(values, height)
-            if other.any():
-                notes.append(f'{name} {values[other][0]:g} in {other.sum()} of {len(values)} rows '
-                             f'{odd}: taken as not measured')
-            values = np.where(other, np.nan, values)
-            if other.all():
-                own[name] = weather.pressure_hpa
-                continue
-        text += f', in its place {name} where the file has it'
-        own[name] = np.where(np.isfinite(values), values, getattr(weather, name))
-    if height is not None:
-        notes += odd_pressure(float(np.median(own['pressure_hpa'])), height)
-    return Weather(humidity=weather.humidity, wavelength_um=weather.wavelength_um, **own), [
-        text, *notes]
-
-
-def odd_pressure(pressure, height):
-    """What to say of a pressure (hPa) that weather does not make at a height (m), a list."""
-    usual = standard_pressure(height)
-    if pressure == 0.0 or abs(pressure / usual - 1.0) < _UNLIKE:
-        return []
-    return [f'pressure {pressure:.0f} hPa, where {usual:.0f} hPa is usual at a height of '
-            f'{height:.0f} m. Give that at the mount, not reduced to sea level']
-
-
-def _is_other_unit(pressure, height):
-    pressure = np.asarray(pressure, float)
-    with np.errstate(invalid='ignore'):
-        odd = (pressure < _ANYWHERE[0]) | (pressure > _ANYWHERE[1])
-        if height is not None:
-            usual = standard_pressure(height)
-            odd |= np.abs(_MERCURY * pressure / usual - 1.0) < _UNLIKE
-    return odd
-
-
-@lru_cache(maxsize=256)
-def _constants(pressure, temperature, humidity, wavelength):
-    return erfa.ufunc.refco(pressure, temperature, humidity, wavelength)
-
-
-def refracted(astrom, weather):
-    """ERFA's astrom with the refraction; `astrom` itself where its shape is that of the weather."""
-    air = (weather.pressure_hpa, weather.temperature_c, weather.humidity, weather.wavelength_um)
-    if all(isinstance(value, (float, int)) for value in air):
-        refa, refb = _constants(*air)
-    else:
-        refa, refb = erfa.ufunc.refco(*air)
-        if np.ndim(refa) > astrom.ndim:
-            astrom = np.broadcast_to(astrom, np.shape(refa)).copy()
-    astrom['refa'], astrom['refb'] = refa, refb
-    return astrom

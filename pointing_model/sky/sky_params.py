@@ -19,7 +19,8 @@ from msg_tools.units import DEG
 
 from ..mount_kinds import kinds_text
 from ..mounts import parse_mount
-from .site import AIR, DEFAULT_SITE, DEFAULT_WEATHER, SITE, Site, Weather, odd_pressure
+from .refraction import AIR, DEFAULT_WEATHER, Weather, odd_pressure
+from .site import DEFAULT_SITE, SITE, Site
 
 KIND_OF_MOUNT = Param(
     'mount', 'altaz', f'kind of mount: {kinds_text()}; where the first axis points [deg]',

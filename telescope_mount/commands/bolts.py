@@ -132,11 +132,10 @@ def refraction_of(args, latitude):
     """By how much the pole that is meant is above the true one, rad."""
     if args.pole == 'true':
         return 0.0
-    from pointing_model.sky.satellite_place import refracted
-    from pointing_model.sky.site import air_at
+    from pointing_model.sky.refraction import air_at, refracted_elevation
     given = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
     weather = air_at(args.height or 0.0, {k: v for k, v in given.items() if v is not None})
-    return float(refracted(abs(latitude), weather) - abs(latitude))
+    return float(refracted_elevation(abs(latitude), weather) - abs(latitude))
 
 
 def alignment_of(model, args, equinox=None):

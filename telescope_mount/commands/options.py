@@ -212,7 +212,8 @@ def place_of(args):
 
     Of site and weather what is given: the rest is what the file gives, see `read_run`.
     """
-    from pointing_model.sky.site import SITE, Site, Weather
+    from pointing_model.sky.refraction import Weather
+    from pointing_model.sky.site import SITE, Site
     site = {one.field: getattr(args, one.field) * one.size for one in SITE.values()
             if getattr(args, one.field) is not None}
     Site(**site)  # refuses what is out of range

@@ -19,7 +19,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.rms import rms
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import air_at
+from pointing_model.sky.refraction import air_at
 from pointing_model.sky.star_catalogue import StarTarget, load_catalogue
 from telescope_mount.observing.star_choice import has_neighbour
 

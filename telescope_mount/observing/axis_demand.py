@@ -32,7 +32,7 @@ class Conditions(NamedTuple):
     Attributes
     ----------
     site : site.Site
-    air : site.Weather
+    air : refraction.Weather
         With the temperature of now.
     here : ndarray, shape (2,)
         Where the encoders stand, rad.

@@ -20,9 +20,10 @@ import numpy as np
 
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import sun_place
+from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.satellite_passes import passes
 from pointing_model.sky.satellite_place import in_sunlight, satellite_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 
 from .keyhole import STEP, keyholes
 

@@ -51,7 +51,7 @@ class Sequencer:
         Whoever runs it, with these methods (times are int, ns):
 
         - ``value(name)``: a parameter of the star observer
-        - ``sky()``: site and weather of now, a site.Site and site.Weather
+        - ``sky()``: site and weather of now, a site.Site and refraction.Weather
         - ``mount()``: the `Mount`
         - ``now()``: the (simulated) time; 0 before it is known
         - ``waiting_for()``: what the graph still lacks before a plan can begin, list of str

@@ -23,7 +23,8 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model import harmonics
 from pointing_model.mounts import ALTAZ, through_pole
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 
 from .star_order import observing_order
 

@@ -29,7 +29,8 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.held_terms import Held, is_a_model, zero_columns
 from pointing_model.mounts import ALTAZ
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 
 from .star_choice import ANYWHERE, axes_at, observable

@@ -34,9 +34,10 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.sky.elements import GPS_26690, parse_elements
 from pointing_model.sky.places import icrs_to_observed
+from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.satellite_passes import passes
 from pointing_model.sky.satellite_place import satellite_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER, Site
+from pointing_model.sky.site import DEFAULT_SITE, Site
 
 GPS = parse_elements(GPS_26690)
 BY_NAME = {c.name: c for c in CANDIDATES}

@@ -26,7 +26,8 @@ from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import parse_mount
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue, satellite_target
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00

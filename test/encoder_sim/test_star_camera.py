@@ -24,7 +24,8 @@ from encoder_sim.star_camera import Camera
 from encoder_sim.star_camera import CameraErrors as Params
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER, Weather
+from pointing_model.sky.refraction import DEFAULT_WEATHER, Weather
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue, satellite_target
 
 NIGHT = 1_768_482_000  # 2026-01-15 13:00 UTC

@@ -22,7 +22,8 @@ from msg_tools import convert, topics
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.observing.star_observer_node import StarObserver
 

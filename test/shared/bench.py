@@ -24,7 +24,8 @@ from msg_tools.units import ARCSEC
 from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.zero import PowerOnZero
 from telescope_mount.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from telescope_mount.observing.night_memory import NightMemory

@@ -22,8 +22,9 @@ from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
 from pointing_model.sky.orbits.ephemeris import Arc, Orbit
+from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.satellite_place import satellite_place
-from pointing_model.sky.site import DEFAULT_WEATHER, Site
+from pointing_model.sky.site import Site
 
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
 TRUTH = {'IA': 120.0, 'IE': -80.0, 'CA': 30.0, 'NPAE': -20.0, 'AN': 40.0, 'AW': -25.0, 'TF': 15.0}

@@ -230,7 +230,8 @@ def test_places_of_the_sky_with_and_without_the_model(ended, tmp_path, kind):
     from msg_tools.iso_time import iso_seconds
     from pointing_model.mounts import ALTAZ
     from pointing_model.sky.places import icrs_to_observed
-    from pointing_model.sky.site import Site, Weather
+    from pointing_model.sky.refraction import Weather
+    from pointing_model.sky.site import Site
     mount = ALTAZ if kind == 'altaz' else Mount.equatorial(34.3 * DEG, 'german')
     made = PointingModel({mount.names.index[0]: 412.0 * ARCSEC, mount.names.named('CA'): 1e-4},
                          mount=mount)

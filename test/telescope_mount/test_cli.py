@@ -28,7 +28,8 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
-from pointing_model.sky.site import AIR, SITE
+from pointing_model.sky.refraction import AIR
+from pointing_model.sky.site import SITE
 from telescope_mount import domain
 from telescope_mount.commands import COMMANDS, fit, options
 

@@ -37,7 +37,8 @@ from pointing_model.runs.plate_solves.fits_images import (
 from pointing_model.runs.plate_solves.frames import OF_DATE, to_icrs
 from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.places import observed_to_icrs, sidereal_time
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 from telescope_mount.run_loader import load_run
 
 if find_spec('astropy') is None:

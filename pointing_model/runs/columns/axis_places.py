@@ -343,8 +343,8 @@ def _keep_written(path, table, pairs, side, mount):
 
 
 def _air(columns, rows, site, weather, meta):
-    """`site.air_of_rows`, or the weather that was given as a whole."""
-    from pointing_model.sky.site import Weather, air_of_rows
+    """`refraction.air_of_rows`, or the weather that was given as a whole."""
+    from pointing_model.sky.refraction import Weather, air_of_rows
     own = {name: columns[name][rows] for name in ('pressure', 'temperature') if name in columns}
     if isinstance(weather, Weather):
         declared, weather = None, vars(weather)

@@ -18,7 +18,8 @@ import difflib
 import re
 
 from pointing_model.runs.plate_solves.frames import Frame, parse_frame
-from pointing_model.sky.site import AIR, SITE
+from pointing_model.sky.refraction import AIR
+from pointing_model.sky.site import SITE
 
 #: key in a file -> part of ``meta``, and what it is there
 NUMBERS = {key: (part, one) for part, table in (('site', SITE), ('weather', AIR))

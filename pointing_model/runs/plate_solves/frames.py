@@ -22,7 +22,8 @@ import numpy as np
 
 from pointing_model.sky.earth import terrestrial
 from pointing_model.sky.places import icrs_to_observed
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 
 #: what a frame may be called, for messages
 KNOWN = 'ICRS, J2000, J<year> (mean of that equinox), mean of date, of date (apparent), B1950'

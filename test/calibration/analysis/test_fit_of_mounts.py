@@ -31,7 +31,8 @@ from pointing_model.model_document import identity
 from pointing_model.mounts import ALTAZ, Mount, is_beyond, through_pole
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_reader import read_run
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 
 GERMAN = Mount.equatorial(31.0 * DEG, 'german')
 FORK = Mount.equatorial(31.0 * DEG)

@@ -23,7 +23,8 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, parse_mount
 from pointing_model.runs.columns.run_table import NoObservations
 from pointing_model.sky.places import observed_to_icrs, sidereal_time
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 from telescope_mount.run_loader import load_run
 
 SITE = Site(-35.5 * DEG, -69.45 * DEG, 1430.0)

@@ -25,7 +25,8 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount
 from pointing_model.runs.formats.csv import iso_utc
 from pointing_model.sky.places import observed_to_icrs, sidereal_time
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 
 SITE = Site(48.1 * DEG, 11.5 * DEG, 500.0)
 AIR = Weather(955.0, 10.0)

@@ -22,7 +22,8 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.columns.declarations import declarations
 from pointing_model.runs.plate_solves.frames import ICRS, KNOWN, parse_frame, to_icrs
 from pointing_model.sky.places import icrs_to_observed, observed_directions, observed_to_icrs
-from pointing_model.sky.site import DEFAULT_SITE, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import DEFAULT_SITE
 
 T = 1_795_000_000.0
 

@@ -24,7 +24,8 @@ from pointing_model.runs.columns.checks import NoUsableRow
 from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_reader import read_run
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg'
 GOOD = f'{HEADER}\n10,20,10.1,20.1\n350,40,350.2,40.2\n100,60,100.3,60.3\n'

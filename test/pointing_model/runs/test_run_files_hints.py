@@ -27,7 +27,8 @@ from pointing_model.context import Context
 from pointing_model.mounts import Mount
 from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.places import icrs_to_observed, sidereal_time
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 
 GERMAN = Mount.equatorial(48.0 * DEG, 'german')
 

@@ -30,7 +30,8 @@ from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.places import icrs_to_observed, moment_of, sidereal_time
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 
 SITE = Site(31.0455305556 * DEG, -115.4669 * DEG, 2790.0)
 GERMAN = Mount.equatorial(SITE.latitude, 'german')

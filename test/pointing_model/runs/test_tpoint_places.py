@@ -26,7 +26,8 @@ from pointing_model import geometry
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.places import icrs_to_observed, sidereal_time
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 
 DAY = 1772496000.0  # 2026-03-03
 

@@ -22,7 +22,8 @@ import pytest
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.frame import GRID, frame, full_frame
 from pointing_model.sky.places import icrs_to_observed, observed_place
-from pointing_model.sky.site import DEFAULT_SITE, Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import DEFAULT_SITE, Site
 from pointing_model.sky.star_catalogue import load_catalogue
 
 AIRLESS = Weather(pressure_hpa=0.0)

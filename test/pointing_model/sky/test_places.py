@@ -23,7 +23,8 @@ import pytest
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.earth import earth_orientation, split_utc
 from pointing_model.sky.places import icrs_to_observed, observed_place
-from pointing_model.sky.site import DEFAULT_SITE, Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import DEFAULT_SITE, Site
 from pointing_model.sky.star_catalogue import EPOCH_JD, POLARIS_HIP, load_catalogue
 
 TIME = 1.7e9

@@ -24,15 +24,10 @@ import pytest
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.earth import TURN_RATE, EarthOrientation, earth_orientation, split_utc
 from pointing_model.sky.elements import GPS_26690, parse_elements
-from pointing_model.sky.places import icrs_to_observed, observed_place, sun_place
-from pointing_model.sky.satellite_place import (
-    Corrections,
-    in_sunlight,
-    refracted,
-    satellite_place,
-)
-from pointing_model.sky.site import Site, Weather
-from pointing_model.sky.star_catalogue import load_catalogue
+from pointing_model.sky.places import icrs_to_observed, sun_place
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.satellite_place import Corrections, in_sunlight, satellite_place
+from pointing_model.sky.site import Site
 
 GPS = parse_elements(GPS_26690)
 SITE = Site()
@@ -173,49 +168,6 @@ def test_shapes_follow_the_time():
 
 
 # refraction
-
-
-def test_refraction_of_a_star_is_that_of_the_sky():
-    stars = load_catalogue(3.0)
-    _, true = observed_place(stars, START, SITE, VACUUM)
-    _, seen = observed_place(stars, START, SITE, AIR)
-    up = true > 3.0 * DEG
-    assert up.sum() > 50
-    assert np.max(np.abs(refracted(true[up], AIR) - seen[up])) < 1e-7 * ARCSEC
-
-
-def _traced(zenith_distance, distance, weather, radius):
-    """True zenith distance of what is seen at `zenith_distance`, by its ray through the air.
-
-    Spherical shells, exponential air with the scale height of ERFA's model.
-    """
-    refa, refb = erfa.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
-                            weather.wavelength_um)
-    excess = 1.0 - np.sqrt(1.0 - 2.0 * (refa - refb))
-    scale = 4.4474e-6 * (weather.temperature_c + 273.15) * radius
-    edges = radius + np.linspace(0.0, 150e3, 20001)
-    index = 1.0 + excess * np.exp(-(0.5 * (edges[1:] + edges[:-1]) - radius) / scale)
-    invariant = (1.0 + excess) * radius * np.sin(zenith_distance)
-    low, high = (np.arcsin(invariant / (index * r)) for r in (edges[:-1], edges[1:]))
-    angle = np.sum(low - high)  # at the Earth's centre
-    far = radius + distance
-    angle += np.arcsin(invariant / edges[-1]) - np.arcsin(invariant / far)
-    return np.arctan2(far * np.sin(angle), far * np.cos(angle) - radius)
-
-
-@pytest.mark.parametrize('altitude', [400e3, 20200e3])
-@pytest.mark.parametrize('seen', [20.0, 35.0, 70.0])
-def test_parallactic_refraction_by_ray_tracing(seen, altitude):
-    """What the finite distance changes, against a ray through 20 000 shells of air."""
-    radius, z = 6.37e6, np.pi / 2.0 - seen * DEG
-    near = _traced(z, altitude, AIR, radius)
-    far = _traced(z, 1e15, AIR, radius)
-    distance = np.sqrt((radius + altitude)**2 - (radius * np.sin(near))**2) - radius * np.cos(near)
-    expected = (far - near) / ARCSEC
-    el = np.pi / 2.0 - near
-    measured = (refracted(el, AIR) - refracted(el, AIR, distance, radius)) / ARCSEC
-    assert expected > 0.0
-    assert measured == pytest.approx(expected, rel=0.03)
 
 
 def test_parallactic_refraction_of_a_pass(one_pass):

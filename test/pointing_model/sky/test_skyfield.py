@@ -23,7 +23,8 @@ import pytest
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.earth import earth_orientation, split_utc
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 from pointing_model.sky.star_catalogue import Stars, load_catalogue
 
 REASON = 'Skyfield and skyfield-data (extra "test") are the independent reference'

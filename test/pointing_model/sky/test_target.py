@@ -17,7 +17,8 @@ import pytest
 
 from pointing_model.sky.elements import GPS_26690
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import (
     POLARIS_HIP,
     StarTarget,

@@ -19,7 +19,8 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import parse_mount
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.drivers.nudge import BRIGHT, HIGH, LOW, bright_star, place_of
 from telescope_mount.observing.star_choice import ANYWHERE, axes_at
 

@@ -18,7 +18,8 @@ import pytest
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.model import PointingModel
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.zero import PowerOnZero
 from telescope_mount.observing.axis_demand import KNOT, AxesAtRest, Conditions, Pointing, track_to
 

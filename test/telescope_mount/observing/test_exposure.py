@@ -22,7 +22,8 @@ from bench import SECOND, START, Bench
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.zero import PowerOnZero
 from pointing_model.zero_drift import KEY, AxisFollowing, Following

@@ -24,7 +24,8 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.observing.reading_pairs import centred
 from telescope_mount.observing.star_choice import choose_stars

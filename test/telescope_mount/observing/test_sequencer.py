@@ -23,7 +23,8 @@ from msg_tools.status_rows import Taken
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.run import first_of_last
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER, Site
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE, Site
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 
 # --- stars --------------------------------------------------------------------------------------

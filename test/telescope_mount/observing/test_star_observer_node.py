@@ -26,7 +26,8 @@ from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.runs.run_messages import cloud_to_run
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER, Site
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE, Site
 from pointing_model.sky.star_catalogue import POLARIS_HIP, satellite_target
 from telescope_mount.observing.star_observer_node import StarObserver
 

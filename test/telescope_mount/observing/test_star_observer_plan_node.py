@@ -36,7 +36,8 @@ from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 
 # --- the plan -----------------------------------------------------------------------------------

@@ -24,7 +24,8 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.pointing_terms import design
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER, Site
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE, Site
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.zero import MARK
 from telescope_mount.observing.star_choice import ANYWHERE, axes_at

@@ -26,7 +26,8 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole
 from pointing_model.sky.places import observed_to_icrs, sidereal_time
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.refraction import Weather
+from pointing_model.sky.site import Site
 from telescope_mount.run_loader import load_run
 
 LATITUDE = 48.0 * DEG

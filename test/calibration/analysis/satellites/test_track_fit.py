@@ -32,8 +32,8 @@ from pointing_model.mounts import parse_mount, through_pole
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import satellite_tracks, star_rates
 from pointing_model.sky.places import observed_place
+from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.satellite_place import satellite_place
-from pointing_model.sky.site import DEFAULT_WEATHER
 from pointing_model.sky.star_catalogue import load_catalogue
 
 FOUR = {'A01': 2, 'B02': 2, 'C03': 2, 'D04': 2}

@@ -21,8 +21,9 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.orbits.orbit_files import Orbits
+from pointing_model.sky.refraction import Weather
 from pointing_model.sky.satellite_place import Corrections, in_sunlight, satellite_place
-from pointing_model.sky.site import Site, Weather
+from pointing_model.sky.site import Site
 
 DATA = Path(__file__).resolve().parents[5] / 'shared' / 'data' / 'orbits'
 GPS, LAGEOS = 'esa11802.eph', 'ilrsa.orb.lageos2.160319.v35.sp3.gz'

@@ -33,7 +33,8 @@ from pointing_model.runs.plate_solves.fits_images import PlateSolution
 from pointing_model.runs.plate_solves.frames import ICRS
 from pointing_model.runs.plate_solves.solvers import NotSolved, find_solver
 from pointing_model.sky.places import icrs_to_observed
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.bridges.indi.indi_camera import CCD
 from telescope_mount.bridges.indi.indi_sources import SolvedSky

@@ -20,7 +20,8 @@ import pytest
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import Mount, through_pole
 from pointing_model.sky.places import observed_place
-from pointing_model.sky.site import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.refraction import DEFAULT_WEATHER
+from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.bridges.indi.pointing import place_of_date
 from telescope_mount.bridges.indi.star_field import StarField

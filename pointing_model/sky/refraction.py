@@ -1,0 +1,240 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The air at a mount, and the refraction that ERFA computes of it: A tan z + B tan^3 z."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import erfa
+import numpy as np
+
+from .earth import EARTH_RADIUS
+from .site import Quantity
+
+# what ERFA's atioq takes as the least cosine and sine of an elevation
+_LEAST_COS, _LEAST_SIN = 1e-6, 0.05
+_refco_of_numbers = lru_cache(maxsize=256)(erfa.ufunc.refco)
+#: by the names that files and nodes use
+AIR = {'pressure_hpa': Quantity('pressure_hpa', 'hPa', 1.0, 0.0, 1200.0),
+       'temperature_c': Quantity('temperature_c', 'degrees Celsius', 1.0, -90.0, 60.0),
+       'humidity': Quantity('humidity', '(a fraction)', 1.0, 0.0, 1.0),
+       'wavelength_um': Quantity('wavelength_um', 'micrometres', 1.0, 0.2, 1e6)}
+
+
+@dataclass(frozen=True)
+class Weather:
+    """Air at the mount, for the refraction; each a number or one for each observation.
+
+    Parameters
+    ----------
+    pressure_hpa : float or ndarray
+        Pressure at the mount, not reduced to sea level; 0 means no refraction.
+    temperature_c : float or ndarray
+        Degrees Celsius.
+    humidity : float or ndarray
+        Relative, 0 to 1.
+    wavelength_um : float
+        Micrometres.
+
+    Raises
+    ------
+    ValueError
+        Out of range.
+    """
+
+    pressure_hpa: float = 955.0
+    temperature_c: float = 10.0
+    humidity: float = 0.5
+    wavelength_um: float = 0.55
+
+    def __post_init__(self):
+        for quantity in AIR.values():
+            quantity.check(self)
+
+
+DEFAULT_WEATHER = Weather()
+
+#: part by which a pressure differs from that of a standard atmosphere: weather makes 4 % at most,
+#: and 6 % is one reduced to sea level from 500 m; and the least and most pressure at any telescope
+_UNLIKE, _ANYWHERE = 0.055, (400.0, 1100.0)
+#: hPa of a mm of mercury, which are no pressure in hPa at the height where they are one so
+_MERCURY = 1.33322
+
+
+def standard_pressure(height):
+    """Pressure of a standard atmosphere at a height in metres, hPa."""
+    return 1013.25 * (1.0 - 2.25577e-5 * height) ** 5.25588
+
+
+def air_at(height, given=None):
+    """Air at a height: a standard atmosphere, 10 C, but for what is given.
+
+    Parameters
+    ----------
+    height : float
+        Metres.
+    given : dict, optional
+        Fields of `Weather`.
+
+    Returns
+    -------
+    Weather
+    """
+    return Weather(**{'pressure_hpa': standard_pressure(height), **(given or {})})
+
+
+def air_of_rows(height, pressure=None, temperature=None, declared=None, given=None):
+    """Air of each row: its own, else what was given or declared, else a standard atmosphere.
+
+    A pressure of a row that is none in hPa (0, or another unit) counts as not measured, as does one
+    that is declared; declared or given, 0 is no refraction.
+
+    Parameters
+    ----------
+    height : float or None
+        Of the site, metres; None where it is not known: the air is that of sea level.
+    pressure, temperature : ndarray, shape (n,), optional
+        Of the rows, hPa and degrees Celsius; NaN: not measured.
+    declared, given : dict or None
+        Fields of `Weather` that the file has for all rows, and that were given in their place.
+
+    Returns
+    -------
+    weather : Weather
+    notes : list of str
+        The first says which air it is.
+
+    Raises
+    ------
+    ValueError
+        A pressure given that is none in hPa; out of range.
+    """
+    usual, notes = standard_pressure(height or 0.0), []
+    where = 'at sea level; the height is not given' if height is None else (
+        f'at a height of {height:.0f} m')
+    odd = f'is no pressure in hPa (usual are {usual:.0f} {where})'
+    known = dict(declared or {})
+    one = known.get('pressure_hpa', 0.0)
+    if one != 0.0 and _is_other_unit(one, height):
+        notes.append(f'pressure {known.pop("pressure_hpa"):g} of the file {odd}: taken as not '
+                     'measured')
+    known |= given or {}
+    weather = air_at(height or 0.0, known)
+    if weather.pressure_hpa != 0.0 and _is_other_unit(weather.pressure_hpa, height):
+        raise ValueError(f'pressure {weather.pressure_hpa:g} {odd}; give hPa, or 0: no refraction')
+    text = f'refraction for {round(weather.pressure_hpa, 1):g} hPa, {weather.temperature_c:g} C'
+    if not known:
+        text += f' (standard atmosphere {where})'
+    elif 'pressure_hpa' not in known:
+        text += f' (the pressure of a standard atmosphere {where})'
+    elif not given:
+        text += ', as the file says'
+    own = {'pressure_hpa': pressure, 'temperature_c': temperature}
+    for name, values in own.items():
+        if values is None or not np.isfinite(values).any():
+            own[name] = getattr(weather, name)
+            continue
+        if name == 'pressure_hpa':
+            other = _is_other_unit(values, height)
+            if other.any():
+                notes.append(f'{name} {values[other][0]:g} in {other.sum()} of {len(values)} rows '
+                             f'{odd}: taken as not measured')
+            values = np.where(other, np.nan, values)
+            if other.all():
+                own[name] = weather.pressure_hpa
+                continue
+        text += f', in its place {name} where the file has it'
+        own[name] = np.where(np.isfinite(values), values, getattr(weather, name))
+    if height is not None:
+        notes += odd_pressure(float(np.median(own['pressure_hpa'])), height)
+    return Weather(humidity=weather.humidity, wavelength_um=weather.wavelength_um, **own), [
+        text, *notes]
+
+
+def odd_pressure(pressure, height):
+    """What to say of a pressure (hPa) that weather does not make at a height (m), a list."""
+    usual = standard_pressure(height)
+    if pressure == 0.0 or abs(pressure / usual - 1.0) < _UNLIKE:
+        return []
+    return [f'pressure {pressure:.0f} hPa, where {usual:.0f} hPa is usual at a height of '
+            f'{height:.0f} m. Give that at the mount, not reduced to sea level']
+
+
+def _is_other_unit(pressure, height):
+    pressure = np.asarray(pressure, float)
+    with np.errstate(invalid='ignore'):
+        odd = (pressure < _ANYWHERE[0]) | (pressure > _ANYWHERE[1])
+        if height is not None:
+            usual = standard_pressure(height)
+            odd |= np.abs(_MERCURY * pressure / usual - 1.0) < _UNLIKE
+    return odd
+
+
+def refraction_constants(weather):
+    """A and B of A tan z + B tan^3 z, rad, for each observation where the weather is."""
+    air = (weather.pressure_hpa, weather.temperature_c, weather.humidity, weather.wavelength_um)
+    one = all(isinstance(value, (float, int)) for value in air)
+    return (_refco_of_numbers if one else erfa.ufunc.refco)(*air)
+
+
+def with_refraction(astrom, weather):
+    """ERFA's astrom with the refraction; `astrom` itself where its shape is that of the weather."""
+    refa, refb = refraction_constants(weather)
+    if np.ndim(refa) > astrom.ndim:
+        astrom = np.broadcast_to(astrom, np.shape(refa)).copy()
+    astrom['refa'], astrom['refb'] = refa, refb
+    return astrom
+
+
+def refracted_elevation(el, weather, distance=np.inf, radius=EARTH_RADIUS):
+    """Elevation with refraction, less what a finite distance takes away (parallactic refraction).
+
+    The ray of a star passes n0 r0 sin z0 from the Earth's centre, so beyond the air it runs beside
+    the straight line to the observer; for a GPS satellite that makes 0.15" at 20 degrees of
+    elevation (G. H. Kaplan, Atmospheric refraction of light from nearby objects in space, 2014).
+
+    Parameters
+    ----------
+    el : float or ndarray
+        Elevation without air, radians.
+    weather : Weather
+    distance : float or ndarray
+        To the object, metres; infinite for a star.
+    radius : float
+        From the Earth's centre to the observer, metres.
+
+    Returns
+    -------
+    float or ndarray
+        Radians; for a star the same as `sky.observed_place`.
+    """
+    refa, refb = refraction_constants(weather)
+    bent = _bent(el, refa, refb)
+    # refco: A = g (1 - b), B = -g (b - g / 2) with g = n0 - 1, hence A - B = g - g^2 / 2
+    excess = 1.0 - np.sqrt(1.0 - 2.0 * (refa - refb))
+    z, seen = np.pi / 2.0 - el, np.pi / 2.0 - (el + bent)
+    beside = radius * ((1.0 + excess) * np.sin(seen) - np.sin(z))
+    lower = el - beside / distance
+    return lower + _bent(lower, refa, refb)
+
+
+def _bent(el, refa, refb):
+    """Refraction as ERFA's atioq has it: one Newton step from the place without air."""
+    cos = np.maximum(np.cos(el), _LEAST_COS)
+    sin = np.maximum(np.sin(el), _LEAST_SIN)
+    tan = cos / sin
+    w = refb * tan * tan
+    bent = (refa + w) * tan / (1.0 + (refa + 3.0 * w) / (sin * sin))
+    return np.arctan2(bent, 1.0 - 0.5 * bent * bent)
