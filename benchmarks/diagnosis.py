@@ -60,6 +60,7 @@ from calibration.analysis.diagnosis.exact_models import exact_fit, exact_model
 from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.estimation.candidates import CandidateGroup
+from calibration.estimation.false_alarms import ALPHA
 from calibration.estimation.group_columns import orthonormal
 from msg_tools.units import ARCSEC
 from pointing_model.pointing_terms import PHYSICAL, STANDARD6, stacked_design
@@ -249,7 +250,7 @@ def _radial(model, run):
 
 
 def _knew(train, test, name):
-    run = RunProblem(observations(train), Base.parse('physical'), 0.01)
+    run = RunProblem(observations(train), Base.parse('physical'), ALPHA)
     bank = run.problem.dictionary
     gain = bank.score(run.problem.fit([])).delta_bic
     # of the times of a step the best
@@ -353,7 +354,7 @@ def speed(table, args, rng):
     for _ in range(5):
         start = time.process_time()
         obs = observations(run)
-        problem = RunProblem(obs, Base.parse('physical'), 0.01, curves=False).problem
+        problem = RunProblem(obs, Base.parse('physical'), ALPHA, curves=False).problem
         scores = problem.dictionary.score(problem.fit([]))
         passes.append(time.process_time() - start)
         start = time.process_time()

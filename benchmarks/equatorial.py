@@ -49,6 +49,7 @@ from calibration.analysis.diagnosis.prediction import predictive_model
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.analysis.diagnosis.validation import nested
 from calibration.analysis.term_fit import fit_terms
+from calibration.estimation.false_alarms import ALPHA
 from calibration.estimation.folds import random_folds
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
@@ -184,7 +185,7 @@ def _ways(table, what, radial, target, peer):
               None if target is None else mean <= target)
 
 
-def _claimed(run, base, ways, alpha=0.01):
+def _claimed(run, base, ways, alpha=ALPHA):
     """Radial RMS of all rows left out, with what would be claimed without them."""
     problem = RunProblem(observations(run), Base.parse(base, (), run.mount), alpha).problem
     out = []

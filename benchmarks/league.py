@@ -60,6 +60,7 @@ from calibration.analysis.diagnosis.prediction import prediction_problem
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.analysis.diagnosis.validation import nested
 from calibration.analysis.sky_model import settled
+from calibration.estimation.false_alarms import ALPHA
 from calibration.estimation.folds import contiguous_folds, random_folds
 from calibration.estimation.predictor import DRIVEN, rows_left_out
 from calibration.estimation.shrinkage import Beyond, chosen
@@ -134,8 +135,8 @@ class League:
             left, _ = rows_left_out(self.problem, folds)
             return _rms(left[int(method == 'ours')])
         if method == 'cause':
-            run = RunProblem(self.obs, self.base, alpha=0.01)
-            left, _ = nested(run.problem, folds, 0.01, np.random.default_rng(seed))
+            run = RunProblem(self.obs, self.base, alpha=ALPHA)
+            left, _ = nested(run.problem, folds, ALPHA, np.random.default_rng(seed))
             return _rms(left[-1] / ARCSEC)
         if method == 'katpoint' and not self.obs.run.mount.vertical:
             return None

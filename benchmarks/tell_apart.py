@@ -37,6 +37,7 @@ from calibration.analysis.diagnosis.discrimination import (
     ONE_CAUSE,
     Discrimination,
 )
+from calibration.estimation.false_alarms import ALPHA
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 
@@ -193,7 +194,7 @@ def is_right(name, judged, bank):
 def mechanisms(diagnosis):
     """Of each candidate its mechanism."""
     from calibration.analysis.diagnosis.run_problem import RunProblem
-    run = RunProblem(diagnosis.observations, diagnosis.base, 0.01, curves=False)
+    run = RunProblem(diagnosis.observations, diagnosis.base, ALPHA, curves=False)
     return {e.name: e.mechanism for e in run.problem.dictionary.effects}
 
 

@@ -24,6 +24,7 @@ from pointing_model.sky.skyline import parse_horizon
 from .analysis.harmonic_fit import CHOICES
 from .analysis.term_fit import RCOND_HARMONICS
 from .analysis.tracking import BATCH, TRACK
+from .estimation.false_alarms import ALPHA
 
 
 def site_of(text):
@@ -52,7 +53,7 @@ PARAMS = (
     Param('reference_age', 0, 'the reference of a zero is the model fitted so many power-ons '
           'before; 0: model_file for all', 0, 1000, fixed=True),
     KEPT_POWER_ONS,
-    Param('alpha', 0.01, 'chance that the service diagnose adds an effect to a clean night', 1e-6,
+    Param('alpha', ALPHA, 'chance that the service diagnose adds an effect to a clean night', 1e-6,
           0.5),
     Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '
           'what follows the stars; empty: unknown', check=site_of),

@@ -35,6 +35,7 @@ from .analysis.tracking.history import RATES
 from .analysis.tracking.tracked_night import TrackedNight, difference_of, lean_of
 from .analysis.zero.power_on_zeros import night_zeros, zero_from_exposures
 from .distrust import contradiction, notes_of, reasons
+from .estimation.false_alarms import ALPHA
 from .night_fit import (
     expected_error,
     first_zeros,
@@ -417,13 +418,13 @@ class CalibrationState:
 
     # --- diagnosis --------------------------------------------------------------------------------
 
-    def diagnose(self, alpha=0.01, site=None, until=0, progress=None):
+    def diagnose(self, alpha=ALPHA, site=None, until=0, progress=None):
         """`find_effects`, and `apply` what is found, a NightDiagnosis."""
         found = self.find_effects(alpha, site, until, progress)
         self.apply(found, site, until)
         return found
 
-    def find_effects(self, alpha=0.01, site=None, until=0, progress=None):
+    def find_effects(self, alpha=ALPHA, site=None, until=0, progress=None):
         """What the fitted model lacks; nothing of the state changes: see `apply`.
 
         Parameters

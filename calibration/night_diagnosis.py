@@ -30,6 +30,7 @@ from pointing_model.zero_drift import KEY as FOLLOWS
 from .analysis.diagnosis.diagnosis import diagnose
 from .analysis.diagnosis.diagnosis_result import Diagnosis
 from .estimation.comparison import FEWEST
+from .estimation.false_alarms import ALPHA
 from .publication import (
     NOT_COMPARED,
     AmendmentComparison,
@@ -83,7 +84,7 @@ class NightDiagnosis:
     diagnosis: Diagnosis
 
 
-def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='physical',
+def diagnose_night(rows, start, provenance=None, alpha=ALPHA, site=None, base='physical',
                    progress=None):
     """Diagnose a night, and add what is found.
 

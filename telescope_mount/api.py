@@ -42,6 +42,7 @@ from calibration.analysis.diagnosis.diagnosis import diagnose as _diagnose
 from calibration.analysis.diagnosis.input_check import check_columns
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
+from calibration.estimation.false_alarms import ALPHA
 from calibration.report.documents import fit_document, run_diagnosis_document
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
@@ -349,7 +350,7 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
 
 
 @_one_thread
-def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', seed=0,
+def diagnose(runs, base='physical', *, alpha=ALPHA, holdout=(), encoder='enc', seed=0,
              progress=None, first_answer=None, jobs=1):
     """Find the effects that a model lacks, and prove the gain.
 

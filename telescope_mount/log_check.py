@@ -26,6 +26,7 @@ from calibration.analysis.encoders.cross_check import (
     encoder_diagnostics,
 )
 from calibration.analysis.harmonic_fit import choice_of_report
+from calibration.estimation.false_alarms import ALPHA
 from calibration.night_series import state_of
 from msg_tools import topics
 from msg_tools.bag import BagReader
@@ -344,7 +345,7 @@ class _Replay:
             'latitude': degrees[0] * DEG, 'longitude': degrees[1] * DEG}
         state = self.state
         found = (state.check_on_blind_stars(site) if again
-                 else state.diagnose(document.get('alpha', 0.01), site))
+                 else state.diagnose(document.get('alpha', ALPHA), site))
         self.compare_request()
         if document:
             self._check.compare('diagnosis', logged, json.dumps(found.document), at_time(stamp))

@@ -20,6 +20,7 @@ from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
 
+from calibration.estimation.false_alarms import ALPHA
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.bag_pair import parameters_of
@@ -82,7 +83,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     # parameters of the calibration with which it fitted and diagnosed
     as_then = _harmonics(bag, prefix) if harmonics is None else harmonics
     if diagnosed:
-        as_then |= {'alpha': diagnosed.get('alpha', 0.01),
+        as_then |= {'alpha': diagnosed.get('alpha', ALPHA),
                    'site': ', '.join(map(repr, diagnosed.get('site_deg') or ())),
                    'diagnosed_at': diagnosed.get('last_stamp_ns', 0),
                    'graduation': ', '.join(

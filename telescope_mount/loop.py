@@ -21,6 +21,7 @@ from functools import partial
 import numpy as np
 
 from calibration.analysis.diagnosis.row_counts import reader_row_counts
+from calibration.estimation.false_alarms import ALPHA
 from msg_tools.whole_files import tried, write_text
 from pointing_model.zero_drift import KEY as FOLLOWS
 from telescope_mount.observing.plan import parse_plan
@@ -61,7 +62,7 @@ def loop_plan(stars, polaris, check):
 
 
 def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16, check=30,
-                   check_every=4, alpha=0.01, start_time='', place=None, sky=None, mount='',
+                   check_every=4, alpha=ALPHA, start_time='', place=None, sky=None, mount='',
                    domain_number=None, progress=None):
     """Carry out one night with a scenario, or one measured run.
 

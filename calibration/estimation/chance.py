@@ -24,13 +24,6 @@ from .choice_likelihood import ChoiceLikelihood
 from .memory_test import SIMULATIONS, MemoryMask, MemoryTest
 from .reduced_squares import times_rows
 
-#: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
-#: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
-#: conservative: together they stay below it (measured, benchmarks/diagnosis.py).
-SHARES = {'dictionary': 0.45, 'scans': 0.45, 'periods': 0.15, 'curves': 0.18}
-#: the same of what is not beyond noise with memory by its estimate, for either share of the
-#: dictionary: of nights whose noise has memory this many are to have a false effect so
-MEMORY_SHARE = 0.75
 #: rows with which a group's variance is moderated toward that of its axis: of a group on 100 rows
 #: its own counts half. The level does not hang on it (noise as 1/sin^2 E, alpha 0.05, false alarms
 #: of 60 nights with 1, 100, 1e6: 30 stars 1, 3, 1; 200 stars 4, 5, 4).

@@ -31,7 +31,8 @@ import numpy as np
 
 from .backward_elimination import eliminate
 from .candidates import CandidateGroup, best_of, largest
-from .chance import MEMORY_SHARE, SHARES, ChanceTest
+from .chance import ChanceTest
+from .false_alarms import MEMORY_SHARE, SHARES
 from .group_columns import orthonormal
 from .linear_model import DISTINCT
 from .memory_test import MemoryMask

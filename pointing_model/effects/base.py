@@ -122,7 +122,7 @@ class Effect:
         Names of these parameters: what is found is refined between the members that are tried next
         to it.
     share : str
-        A key of `chance.SHARES`, the part of the false alarms that it may use: 'dictionary', or
+        A key of `false_alarms.SHARES`, the part of these that it may use: 'dictionary', or
         'scans' of what is tried at many places, widths, periods or lags.
     kind : {'effect', 'smooth', 'known'}
         'smooth': a curve without a cause; 'known': an amount that is not fitted.

@@ -44,8 +44,7 @@ def add(commands):
                         help='fresh stars pointed at blind, before and after (default: 30)')
     parser.add_argument('--check-every', type=options.whole(2, 1000), default=4, metavar='N',
                         help='of a measured run one row in N is kept out (default: 4)')
-    options.add(parser, 'alpha', help='chance that a clean night gets any effect (default: 0.01)')
-    options.add(parser, 'date')
+    options.add(parser, 'alpha', 'date')
     options.add(parser, 'latitude', help='of the site; a measured run without site needs both for '
                 'effects that follow the stars')
     options.add(parser, 'longitude', 'height', 'azimuth-origin', 'pressure', 'temperature',

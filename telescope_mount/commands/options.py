@@ -20,6 +20,7 @@ import sys
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
+from calibration.estimation.false_alarms import ALPHA
 from msg_tools import NAMESPACE
 from pointing_model.mount_kinds import kinds_text
 
@@ -133,8 +134,8 @@ SHARED = {
                          'series ends; 0 (default): what predicts stars left out best'},
     'jobs': {'type': whole(1, 1024), 'metavar': 'N', 'help': 'folds of the cross-validation at a '
              'time, a process each; the result is the same (default: one a processor)'},
-    'alpha': {'type': real(1e-6, 0.5), 'default': 0.01,
-              'help': 'chance that a run with nothing wrong gets any effect (default: 0.01)'},
+    'alpha': {'type': real(1e-6, 0.5), 'default': ALPHA,
+              'help': f'chance that a run with nothing wrong gets any effect (default: {ALPHA})'},
     'sessions': {'type': gap_hours, 'metavar': 'HOURS'},
     'namespace': {'default': NAMESPACE, 'help': f'of the graph (default: {NAMESPACE})'},
     'params': {'type': Path, 'metavar': 'FILE'},

@@ -22,7 +22,8 @@ score passes what chance gives to the best of all candidates.
 
 import numpy as np
 
-from calibration.estimation.chance import SHARES, ChanceTest, normal_score
+from calibration.estimation.chance import ChanceTest, normal_score
+from calibration.estimation.false_alarms import SHARES
 from calibration.estimation.linear_model import LIVE
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS

@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.estimation.chance import FLIPS, Chance
+from calibration.estimation.false_alarms import ALPHA
 from calibration.estimation.folds import FOLDS, partitions_of
 
 from ..finding import Finding
@@ -57,7 +58,7 @@ from .validation import add_errors, cross_validated
 MOST_ROWS = 5000
 
 
-def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
+def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None, encoder='enc',
              flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
              most_rows=MOST_ROWS, sessions=None, partitions=None, progress=None,
              first_answer=None, jobs=1, checked=None):

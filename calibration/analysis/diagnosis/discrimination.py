@@ -25,6 +25,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.estimation.candidates import CandidateGroup
+from calibration.estimation.false_alarms import ALPHA
 from calibration.estimation.linear_model import DISTINCT, overlap, weighted_fit
 from calibration.estimation.memory_test import MemoryMask
 from calibration.estimation.selection_problem import SelectionProblem
@@ -144,7 +145,7 @@ class Discrimination:
 
     def __init__(self, diagnosis, hours=0.0, elevations=None,
                  least_chance=LEAST_CHANCE):
-        self._base, self._alpha = diagnosis.base, 0.01
+        self._base, self._alpha = diagnosis.base, ALPHA
         self._encoder, self._seen = diagnosis.observations.encoder, len(diagnosis.observations)
         self._hours, self._elevations, self._least = hours, elevations, least_chance
         found = [e for e in diagnosis.effects if e.fitted.effect.kind != 'known']

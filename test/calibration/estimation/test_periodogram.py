@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 from calibration.estimation.candidates import CandidateBank
-from calibration.estimation.chance import SHARES, Chance
+from calibration.estimation.chance import Chance
+from calibration.estimation.false_alarms import SHARES
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.periodogram import SHAPES, PeriodBank, WaveScan, rate_error
 from calibration.estimation.select import search
