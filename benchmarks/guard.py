@@ -44,9 +44,9 @@ from pointing_model.sky.site import Site
 from pointing_model.sky.sky_limits import SUN, SkyCircles
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.detour import lead
-from telescope_mount.guard.limits import Allowed, Axis, Limits, travel_of
+from telescope_mount.guard.limits import Axis, Limits, travel_of
 from telescope_mount.guard.motion import AxisState
-from telescope_mount.guard.track_check import TrackCheck
+from telescope_mount.guard.track_check import Allowed, TrackCheck
 
 #: by what a drive that is controlled in steps of 0.05 s itself goes too far, rad
 ROUNDING = 0.05 * DEG

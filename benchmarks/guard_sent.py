@@ -33,7 +33,7 @@ from guard import KINDS, places, setting, track_of
 from guard_drives import Many, hermite
 
 from msg_tools.units import DEG
-from telescope_mount.guard.course import GuardSettings
+from telescope_mount.guard.guard_settings import GuardSettings
 from telescope_mount.guard.supervisor import Supervisor
 from telescope_mount.observing.axis_demand import Track
 

@@ -20,14 +20,13 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
+from .limits import BEYOND
 from .motion import AxisState
 
 #: faster than an axis can be by this factor, and farther than this (rad), is a jump
 FASTER, FARTHER = 1.5, 2.0 * DEG
 #: so many readings of a place that was jumped to are believed
 BELIEVED = 5
-#: readings beyond the travel by more cannot be, rad
-BEYOND = 10.0 * DEG
 _TURN = 2.0 * math.pi
 
 

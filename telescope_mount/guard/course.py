@@ -18,45 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import DEG
-
 from ..observing.axis_demand import Track
 from .axis_track import Cubic, braked
+from .limits import SLEW_SHARE
 from .motion import AxisState, moment, plan_move
 
-#: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
-#: catching up
-SHARE = 0.8
 #: between knots of a piece, s
 KNOT = 0.25
-
-
-class GuardSettings(NamedTuple):
-    """How a `supervisor.Supervisor` sends.
-
-    Attributes
-    ----------
-    whole : bool
-        The track that was checked at once; nothing is renewed, and silence is no matter.
-    ahead : float
-        From now to the last moving knot of a piece, s.
-    silence, commander : float
-        Seconds without a reading, and without a renewed request, after which the axes are stopped.
-    behind : float
-        Largest distance of an axis from where it was sent, rad.
-    turn_known : bool
-        The first axis reads the turn that it is on.
-    asleep : bool
-        Time waits for events: of a mount that is not asked to move nothing is read.
-    """
-
-    whole: bool = True
-    ahead: float = 1.5
-    silence: float = 0.5
-    commander: float = 0.45
-    behind: float = 2.0 * DEG
-    turn_known: bool = True
-    asleep: bool = False
 
 
 class Course(NamedTuple):
@@ -108,9 +76,9 @@ class Course(NamedTuple):
 
 
 def moves_onto(cubic, state, axes):
-    """Of each axis the `Move` onto a track, with `SHARE` of its limits; None where none is."""
-    return [plan_move(state.angles[i], state.rates[i], cubic, i, SHARE * axis.rate,
-                      SHARE * axis.acceleration, 1e-9) for i, axis in enumerate(axes)]
+    """Of each axis the `Move` onto a track, with `SLEW_SHARE` of its limits; None where none is."""
+    return [plan_move(state.angles[i], state.rates[i], cubic, i, SLEW_SHARE * axis.rate,
+                      SLEW_SHARE * axis.acceleration, 1e-9) for i, axis in enumerate(axes)]
 
 
 def stop_track(now, state, axes):

@@ -25,15 +25,14 @@ from pointing_model.sky.earth import TURN_RATE
 
 from .axis_track import resting
 from .boxes import Boxes
-from .limits import Allowed
+from .limits import EDGE
 from .motion import plan_move
+from .track_check import Allowed
 
 #: between points of the grids on which a way is looked for, one after the other, rad
 GRIDS = (5.0 * DEG, 1.5 * DEG)
 #: an axis goes so far beyond both ends at most where its travel has no end, rad
 REACH = 2.0 * math.pi
-#: points in between keep so far from the ends of the travel, rad
-EDGE = 0.5 * DEG
 #: a way is looked for that is clear of what moves in the sky for so long, s; for longer where it
 #: takes longer, so many times
 WINDOW, TRIES = 480.0, 4

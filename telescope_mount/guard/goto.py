@@ -28,8 +28,8 @@ from msg_tools.units import DEG
 from ..observing.axis_demand import Track
 from .axis_track import resting
 from .course import Course
-from .stop_rules import off_way
 from .supervisor import Supervisor
+from .watchdog import off_way
 
 #: longest leg of an axis, rad: where half a turn is near, a driver may take the other way round
 LONGEST = 150.0 * DEG

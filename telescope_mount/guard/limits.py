@@ -24,8 +24,19 @@ from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky.sky_limits import SUN
 from pointing_model.sky.skyline import Horizon
 
-from .axis_track import Cubic
-
+#: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
+#: catching up
+SLEW_SHARE = 0.8
+#: points of a way around keep so far from the ends of the travel, rad
+EDGE = 0.5 * DEG
+#: readings beyond the travel by more cannot be, rad
+BEYOND = 10.0 * DEG
+#: what is so near to the horizon or a limit in the sky counts as beyond it, rad
+NEAR = 0.1 * DEG
+#: whoever is beyond these may come back: by so much he may seem to go on, rad
+SLACK = 0.05 * DEG
+#: axes whose timing is not known keep away from what moves in the sky by so much more, rad
+MARGIN = 1.0 * DEG
 _TURN = 2.0 * np.pi
 
 
@@ -121,6 +132,10 @@ class Limits:
         return np.array([first if self.axes[0].low <= first <= self.axes[0].high else place[0],
                          place[1]])
 
+    def in_pieces(self):
+        """The same for slews in pieces: tracks too leave something to catch up with."""
+        return replace(self, timing=min(self.timing, SLEW_SHARE))
+
     def on_turn_of(self, reading):
         """The same limits where the turn of the first axis is not known; its reading, rad."""
         first, second = self.axes
@@ -183,29 +198,3 @@ def safe_travel(reading, low, high):
         raise ValueError(f'a reading of {reading / DEG:.1f} deg lies on no turn within the travel '
                          f'of {low / DEG:g} to {high / DEG:g} deg')
     return float(low - fewest * _TURN), float(high - most * _TURN)
-
-
-class Allowed(NamedTuple):
-    """A track that may be sent.
-
-    Attributes
-    ----------
-    cubic : Cubic
-        Its knots, the first axis on the turn that the mount takes.
-    """
-
-    cubic: Cubic
-
-
-class Refused(NamedTuple):
-    """A track that may not: one line that says what, where and what to do.
-
-    Attributes
-    ----------
-    reason : str
-    cubic : Cubic or None
-        The track, where it could be followed and only the way onto it cannot be gone.
-    """
-
-    reason: str
-    cubic: Cubic | None = None

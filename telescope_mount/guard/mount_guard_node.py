@@ -32,12 +32,12 @@ from pointing_model.sky.skyline import Horizon, parse_horizon
 from ..observing.allowed_sky import PLACE, rows_of
 from ..observing.axis_demand import Track
 from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
-from .course import GuardSettings
 from .goto import GotoSupervisor
 from .guard_params import PARAMS
+from .guard_settings import GuardSettings
 from .limits import Axis, Limits, parse_pair, travel_of
-from .stop_rules import ERROR, WARN
 from .supervisor import LATE, STILL, Supervisor
+from .watchdog import ERROR, WARN
 
 #: steady seconds between looks at it all
 LOOK = 0.05

@@ -24,19 +24,18 @@ Request, readings and what was sent (`course`) decide together at each step.
 
 import math
 from contextlib import suppress
-from dataclasses import replace
 
 from msg_tools.units import DEG
 from pointing_model.sky.sky_limits import SkyCircles
 
 from .axis_readings import AxisReadings
 from .axis_track import ended, resting
-from .course import SHARE, Course, moves_onto, stop_track
+from .course import Course, moves_onto, stop_track
 from .detour import around, lead
-from .limits import Allowed, Refused
+from .limits import SLEW_SHARE
 from .motion import AxisState
-from .stop_rules import ERROR, OK, WARN, off_course, silence, why_stop
-from .track_check import TrackCheck
+from .track_check import Allowed, Refused, TrackCheck
+from .watchdog import ERROR, OK, WARN, off_course, silence, why_stop
 
 #: so near to a point of a way around, and slower, it is reached; rad, rad/s
 REACHED, STILL = 0.1 * DEG, 0.02 * DEG
@@ -74,7 +73,7 @@ class Supervisor:
 
     def __init__(self, limits, site, settings, wall):
         if not settings.whole:
-            limits = replace(limits, timing=min(limits.timing, SHARE))
+            limits = limits.in_pieces()
         self.limits, self._check = limits, TrackCheck(limits)
         self._circles = SkyCircles(limits.keep_out, site)
         self._settings, self._wall = settings, wall
@@ -160,7 +159,7 @@ class Supervisor:
                                self._last - track.start <= FAR * 1e9)  # else ours will be set back
         self._last, self._vias, self._turns = track.start, [], None
         # no sharper than a track may be, where the mount is slow
-        share = self.limits.timing or SHARE
+        share = self.limits.timing or SLEW_SHARE
         self._goal = track if self._settings.whole else ended(
             track, [share * axis.acceleration for axis in self.limits.axes])
         if self.state != 'paused':

@@ -23,14 +23,9 @@ from pointing_model.sky.earth import TURN_RATE
 
 from .axis_track import BENT
 from .boxes import Boxes, arc, largest_cosine, most_cosine, quartered
+from .limits import MARGIN, NEAR, SLACK
 
 _TURN = 2.0 * np.pi
-#: what is so near to a limit counts as beyond it, rad
-NEAR = 0.1 * DEG
-#: whoever is beyond a limit may come back: by so much he may seem to go on, rad
-SLACK = 0.05 * DEG
-#: axes whose timing is not known keep away from what moves in the sky by so much more, rad
-MARGIN = 1.0 * DEG
 #: boxes into which a way may be cut that passes close by a limit
 MOST_BOXES = 20000
 

@@ -16,13 +16,13 @@
 
 import math
 from operator import sub
+from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import DEG
 
 from .axis_track import BENT, Cubic, resting
-from .limits import Allowed, Refused
 from .motion import FAST, AxisState, Slew
 from .surroundings import Surroundings
 
@@ -42,6 +42,32 @@ SOON = 1e-6
 ROUNDED = 1.0 + 1e-9
 #: the largest number that is an angle, rad: a hundred turns
 NO_ANGLE = 100.0 * _TURN
+
+
+class Allowed(NamedTuple):
+    """A track that may be sent.
+
+    Attributes
+    ----------
+    cubic : Cubic
+        Its knots, the first axis on the turn that the mount takes.
+    """
+
+    cubic: Cubic
+
+
+class Refused(NamedTuple):
+    """A track that may not: one line that says what, where and what to do.
+
+    Attributes
+    ----------
+    reason : str
+    cubic : Cubic or None
+        The track, where it could be followed and only the way onto it cannot be gone.
+    """
+
+    reason: str
+    cubic: Cubic | None = None
 
 
 class TrackCheck:

@@ -79,8 +79,8 @@ class AllowedSky(NamedTuple):
 
     Attributes
     ----------
-    horizon : guard.limits.Horizon
-    circles : guard.sky_limits.SkyCircles
+    horizon : Horizon
+    circles : SkyCircles
     travel : tuple of (float, float)
         Ends of both axes, rad; empty where an older guard does not report it.
     motion : tuple of (float, float)

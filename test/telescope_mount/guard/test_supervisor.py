@@ -30,8 +30,8 @@ from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard import supervisor as supervisor_of
 from telescope_mount.guard.axis_track import Cubic, braked, ended
 from telescope_mount.guard.limits import Axis, Limits, travel_of
-from telescope_mount.guard.stop_rules import WARN
 from telescope_mount.guard.supervisor import LATE
+from telescope_mount.guard.watchdog import WARN
 from telescope_mount.observing.axis_demand import Track
 
 NOON = START + 15 * 3600 * 10**9

@@ -25,9 +25,9 @@ from pointing_model.sky.sky_limits import SUN, Circle, SkyCircles, SkyLimit
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.detour import around, lead
-from telescope_mount.guard.limits import Allowed, Axis, Limits, Refused, safe_travel, travel_of
+from telescope_mount.guard.limits import Axis, Limits, safe_travel, travel_of
 from telescope_mount.guard.motion import AxisState, Slew
-from telescope_mount.guard.track_check import TrackCheck
+from telescope_mount.guard.track_check import Allowed, Refused, TrackCheck
 
 KNOTS = np.arange(0.0, 121.0, 20.0)
 POLE = np.array([0.0, np.cos(34.3 * DEG), np.sin(34.3 * DEG)])

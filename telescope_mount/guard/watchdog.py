@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""When axes are stopped: nothing is read, nobody asks, or they do not go where they were sent."""
+"""Stops axes when nothing is read, nobody asks, or they do not go where they were sent."""
 
 import math
 
