@@ -30,8 +30,7 @@ def add(commands):
         'Point at fresh stars with it: the miss distance before and after.')
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument('file', nargs='?', type=options.log_path, metavar='RUN',
-                      help='a measured run: CSV, TPOINT, MMT, IRAM, or a log; validated on rows '
-                      'not fitted')
+                      help=f'a measured run: a {options.RUNS}; validated on rows not fitted')
     options.add_scenario(what, help='errors of the simulated mount: a name '
                       '(loop_*, mount_*), a YAML file, a pattern such as "mount_*", "all" for '
                       'every loop_*; "list": print their names')

@@ -40,7 +40,7 @@ def add(commands):
         'physical effect that explains them. The improvement is cross-validated, with the effects '
         're-selected per fold.')
     parser.add_argument('runs', nargs='+', type=options.log_path, metavar='RUN',
-                        help='pointing runs of one mount: logs, CSV, TPOINT, MMT or IRAM files')
+                        help=f'of one mount: each a {options.RUNS}')
     parser.add_argument('--base', default='physical', metavar='MODEL',
                         help=f'what the model has already: {BASES} (default: physical); or a '
                         'model file, ours or of another program, whose terms are fitted anew')

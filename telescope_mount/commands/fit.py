@@ -24,7 +24,7 @@ def add(commands):
         description='Read a pointing run and print the terms and '
         'the error before and after.')
     parser.add_argument('file', type=options.log_path, metavar='RUN',
-                        help='a file of pointings of any kind in docs/your_own_file.md, or a log')
+                        help=f'a {options.RUNS}')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
                         'physical terms of the mount)')
     options.add(parser, 'exclude', 'encoder', 'azimuth-origin', 'mount')

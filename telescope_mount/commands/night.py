@@ -44,8 +44,8 @@ def add(commands):
                         'hold the expected pointing error with stars chosen for it, such as '
                         '1.5arcsec,90; the model follows the mount')
     parser.add_argument('--pass', dest='satellite_pass', default='', metavar='ID,FILE',
-                        help='after the fit, follow a satellite through its next pass, by its name '
-                        'in a file of its orbit (SP3, CPF, OEM)')
+                        help=options.Listing('after the fit, follow a satellite through its next '
+                        'pass, by its name in a file of its orbit (%(orbit_formats)s)'))
     parser.add_argument('--tell-apart', default='', metavar='STARS[,HOURS]', help='after the fit, '
                         'diagnose, and observe at most so many stars that distinguish open '
                         'causes, such as 15,2h (default: none)')

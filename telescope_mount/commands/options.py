@@ -30,8 +30,20 @@ from ..night_files import log_of, model_of
 log_path, model_path = log_of, model_of
 #: kinds of mounts, of every command
 MOUNT_KINDS = f'{kinds_text()} (where the first axis points, degrees)'
+#: that commands read
+RUNS = 'file of pointings of any kind in docs/your_own_file.md, or a log'
 #: suffixes of models and pages
 MODELS, PAGES = ('.json', '.yaml', '.yml'), ('.html', '.htm')
+
+
+class Listing(str):
+    """A help text with names of registries, which are loaded when it is shown, not before."""
+
+    def __mod__(self, params):
+        from pointing_model.runs.plate_solves.solvers import PROGRAMS
+        from pointing_model.sky.orbits.orbit_files import FORMATS
+        return super().__mod__({'solvers': ', '.join(PROGRAMS), 'orbit_formats': ', '.join(
+            one.wording for one in FORMATS)})
 
 
 def _within(kind, low, high, words):
@@ -136,6 +148,9 @@ SHARED = {
              'time, a process each; the result is the same (default: one a processor)'},
     'alpha': {'type': real(1e-6, 0.5), 'default': ALPHA,
               'help': f'chance that a run with nothing wrong gets any effect (default: {ALPHA})'},
+    'orbit': {'action': 'append', 'default': [], 'type': Path, 'metavar': 'FILE', 'required': True,
+              'help': Listing('%(orbit_formats)s; also .gz or .Z; may be given again: files of '
+                              'one satellite are joined')},
     'sessions': {'type': gap_hours, 'metavar': 'HOURS'},
     'namespace': {'default': NAMESPACE, 'help': f'of the graph (default: {NAMESPACE})'},
     'params': {'type': Path, 'metavar': 'FILE'},

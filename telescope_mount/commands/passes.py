@@ -14,7 +14,6 @@
 
 """The command ``passes``: when satellites can be tracked."""
 
-from pathlib import Path
 
 from . import options
 
@@ -28,9 +27,7 @@ def add(commands):
         'passes', help='when satellites can be tracked, and what a keyhole costs',
         description='List the passes of satellites over a site: time, height, phase, the Sun, and '
         'the seconds that are lost where an axis is too slow.')
-    parser.add_argument('--orbit', action='append', default=[], type=Path, metavar='FILE',
-                        required=True, help='SP3, CPF, OEM, OMM or two-line elements, also .gz or '
-                        '.Z; may be given again: files of one satellite are joined')
+    options.add(parser, 'orbit')
     parser.add_argument('--object', metavar='ID', help='one satellite (default: all of the files)')
     options.add(parser, 'latitude', 'longitude', 'height', 'mount')
     options.add(parser, 'date', help='from when on, ISO 8601 (default: the begin of the orbit; of '

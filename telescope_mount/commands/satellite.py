@@ -29,9 +29,7 @@ def add(commands):
         'diagnose the residuals like those of stars.')
     parser.add_argument('tracks', nargs='+', type=Path, metavar='TRACK', help='CSV files, or logs '
                         'of nights with passes')
-    parser.add_argument('--orbit', action='append', default=[], type=Path, metavar='FILE',
-                        required=True, help='SP3, CPF, OEM, OMM or two-line elements, also .gz or '
-                        '.Z; may be given again: files of one satellite are joined')
+    options.add(parser, 'orbit')
     parser.add_argument('--object', metavar='ID', help='the satellite of rows that name none (no '
                         'column satellite): L52, G18, a catalogue number')
     parser.add_argument('--star-run', dest='stars', action='append', default=[],

@@ -31,8 +31,8 @@ def add(commands):
                         'images are what (default: FOLDER/mount.yaml)')
     parser.add_argument('--out', type=Path, metavar='FILE.csv',
                         help='the run (default: FOLDER/solved.csv)')
-    parser.add_argument('--solver', metavar='NAME', help='solve-field, astap, or the path of one '
-                        '(default: the first that is installed)')
+    parser.add_argument('--solver', metavar='NAME', help=options.Listing(
+        '%(solvers)s, or the path of one (default: the first that is installed)'))
     parser.add_argument('--timeout', type=options.real(1.0, 36000.0, 's'), default=120.0,
                         metavar='S', help='for one image (default: 120)')
     parser.add_argument('--scale', nargs=2, type=options.real(1e-3, 3600.0, 'arcsec'),

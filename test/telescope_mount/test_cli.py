@@ -27,7 +27,9 @@ from places import LOG, ROOT
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
+from pointing_model.runs.plate_solves.solvers import PROGRAMS
 from pointing_model.runs.run import PointingRun
+from pointing_model.sky.orbits.orbit_files import FORMATS
 from pointing_model.sky.refraction import AIR
 from pointing_model.sky.site import SITE
 from telescope_mount import domain
@@ -56,6 +58,13 @@ def run_csv(tmp_path):
 def test_help_is_help(ended, words):
     code, out, err = ended(*words, '--help')
     assert code == 0 and err == '' and 'usage: telescope-mount' in out
+
+
+@pytest.mark.parametrize('words, names', [
+    ('passes', [one.wording for one in FORMATS]), ('satellite', [one.wording for one in FORMATS]),
+    ('night', [one.wording for one in FORMATS]), ('solve', PROGRAMS), ('bolts', PROGRAMS)])
+def test_help_lists_what_is_registered(ended, words, names):
+    assert ', '.join(names) in ' '.join(ended(words, '--help')[1].split()).replace('- ', '-')
 
 
 def test_help_imports_nothing_that_takes_time():
