@@ -48,7 +48,7 @@ class SkyLimit:
     place : callable
         ``place(time, site)``: azimuth and elevation, rad, at a time (UTC, s).
     turns : bool
-        Whether it moves with the sky; else it stands.
+        Whether it moves with the sky, so that it needs a site; else it stands.
     """
 
     name: str

@@ -118,7 +118,7 @@ class MountGuard(ManagedNode):
             low, high = parse_pair(values[name]) or (0.0, 1.0)
             if low >= high:
                 raise ValueError(f'{name} = {values[name]}: give the smaller end first')
-        kept = [limit for limit in SKY_LIMITS if values[limit.parameter]]
+        kept = [limit for limit in SKY_LIMITS if limit.turns and values[limit.parameter]]
         if values['renew_s'] and kept and not all(
                 name in self._parameter_overrides for name in PLACE):
             raise ValueError(f'no site, so the place of {kept[0].name} is unknown. Set '
@@ -271,7 +271,9 @@ class MountGuard(ManagedNode):
             self._do('', self._supervisor.resume)
         self._resting = False
         site = _site(self)
-        for limit, distance in () if self._whole else self._limits.keep_out:
+        for limit, distance in self._limits.keep_out:
+            if self._whole or not limit.turns:
+                continue
             az, el = limit.place(self._now() * 1e-9, site)  # by which a wrong site or clock is seen
             self.get_logger().info(
                 f'at latitude {site.latitude / DEG:.4f}, longitude {site.longitude / DEG:.4f} deg '

@@ -14,6 +14,7 @@
 
 """The guard between a commander and a mount that the test plays."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +25,7 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode
 from msg_tools.params import BadInput
 from msg_tools.units import DEG
+from pointing_model.sky.sky_limits import SUN
 from telescope_mount.guard import mount_guard_node
 from telescope_mount.guard.mount_guard_node import MountGuard
 from telescope_mount.guard.supervisor import LATE
@@ -171,6 +173,12 @@ def test_nobody_leads_a_real_mount_past_a_sun_that_may_be_anywhere(graph):
     with pytest.raises(BadInput, match='no site, so the place of the Sun is unknown'):
         graph.add(MountGuard, renew_s=0.1)
     graph.add(MountGuard, renew_s=0.1, sun_distance_deg=0.0)
+
+
+def test_a_limit_that_stands_in_the_sky_needs_no_site(graph, monkeypatch):
+    beam = replace(SUN, name='a beam', place=lambda time, site: (1.0, 0.9), turns=False)
+    monkeypatch.setattr(mount_guard_node, 'SKY_LIMITS', (beam,))
+    graph.add(MountGuard, renew_s=0.1)
 
 
 def test_the_site_of_a_guard_stays(graph):
