@@ -25,6 +25,8 @@ from functools import cached_property
 
 import numpy as np
 
+from .lapack import lapack
+
 #: eigenvalues of a normal matrix of unit columns below this part of the largest are rounding: its
 #: entries are good to some 1e-13 of 1e5 rows
 EIGEN = 1e-10
@@ -366,8 +368,7 @@ def _factored(phi, white, variance):
     diagonal = variance * (1.0 - phi * phi) + white + phi * phi * before
     if len(diagonal) < 2:  # as of `_bidiagonal`
         return diagonal, diagonal[:0]
-    from scipy.linalg.lapack import dpttrf  # slow to import
-    d, lower, info = dpttrf(diagonal, -phi[1:] * white[:-1])
+    d, lower, info = lapack().dpttrf(diagonal, -phi[1:] * white[:-1])
     if info:
         raise np.linalg.LinAlgError('covariance of correlated noise is not positive definite')
     return d, lower
@@ -377,10 +378,10 @@ def _bidiagonal(lower, values, trans='N'):
     """Solution with a unit lower bidiagonal matrix; values (k, m) are overwritten."""
     if not values.size:  # LAPACK's routine writes beyond an empty array
         return values
-    from scipy.linalg.lapack import dtbtrs
     band = np.ones((2, len(lower) + 1))  # the last below the diagonal is not looked at
     band[1, :-1] = lower
-    return dtbtrs(band, values.T, uplo='L', trans=trans, diag='U', overwrite_b=1)[0].T
+    return lapack().dtbtrs(
+        band, values.T, uplo='L', trans=trans, diag='U', overwrite_b=1)[0].T
 
 
 def _solved(phi, root, lower, values):

@@ -25,6 +25,7 @@ from functools import cached_property
 import numpy as np
 
 from .correlated_noise import EIGEN, CorrelatedNoise, WhiteNoise
+from .lapack import lapack
 
 #: of a row of unit length that those before it do not explain: with more of each none depends on
 #: others
@@ -71,8 +72,7 @@ def orthonormal(rows):
 
 def _orthonormal_by_cholesky(rows):
     """`orthonormal` of rows of unit length, none where rounding would be seen."""
-    from scipy.linalg.lapack import dpotrf  # slow to import
-    factor, bad = dpotrf((rows @ rows.T).T)
+    factor, bad = lapack().dpotrf((rows @ rows.T).T)
     if bad or factor.diagonal().min() < _APART:
         return None
     inverse = triangular_inverse(factor)
@@ -82,22 +82,20 @@ def _orthonormal_by_cholesky(rows):
 
 def triangular_inverse(factor):
     """Inverse of an upper triangular matrix, a fourth of the time of `numpy.linalg.inv`."""
-    from scipy.linalg.lapack import dtrtri
-    return dtrtri(factor)[0]
+    return lapack().dtrtri(factor)[0]
 
 
 def _orthonormal_by_qr(rows):
     """`orthonormal` of rows of unit length, none where it is not clear which depend on others."""
-    from scipy.linalg.lapack import dgeqrf, dorgqr
     for _ in range(2):
-        turned, tau, _, _ = dgeqrf(rows.T)
+        turned, tau, _, _ = lapack().dgeqrf(rows.T)
         beyond = np.abs(turned.diagonal())
         if beyond.min() > _SURE:
-            return dorgqr(turned, tau, overwrite_a=1)[0].T
+            return lapack().dorgqr(turned, tau, overwrite_a=1)[0].T
         if beyond.min() > _NOTHING:  # as in `inverse_root`
             inverse = triangular_inverse(np.triu(turned[:len(rows)]))
             clear = len(rows) * np.vdot(inverse, inverse) < 1.0 / EIGEN
-            return dorgqr(turned, tau, overwrite_a=1)[0].T if clear else None
+            return lapack().dorgqr(turned, tau, overwrite_a=1)[0].T if clear else None
         rows = rows[beyond > _NOTHING]
     return None
 

@@ -18,7 +18,6 @@ A design has a row a coefficient: x of all observations, then y. In the place of
 be `group_columns.GroupColumns`.
 """
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +26,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.rms import sigma_of
 
 from .group_columns import GroupColumns, bordered, inverse_root
+from .lapack import lapack
 from .robust import LOSS, huber
 
 # of the normal matrix, scaled to a unit diagonal:
@@ -65,18 +65,12 @@ class Solution(NamedTuple):
     rank: int
 
 
-@functools.cache
-def _lapack():
-    from scipy.linalg import lapack  # slow to import; its calls cost a quarter of numpy.linalg's
-    return lapack
-
-
 def inverse_of(matrix):
     """As `numpy.linalg.inv` of one small matrix, LinAlgError where it is singular."""
-    factors, order, bad = _lapack().dgetrf(matrix)
+    factors, order, bad = lapack().dgetrf(matrix)
     if bad:
         raise np.linalg.LinAlgError('singular matrix')
-    return _lapack().dgetri(factors, order)[0]
+    return lapack().dgetri(factors, order)[0]
 
 
 def normal_matrix(design, weights):
@@ -103,7 +97,7 @@ def spectrum_of(design, weights, rcond=0.0):
     normal = normal_matrix(design, weights)
     scale = np.sqrt(normal.diagonal())
     scale[scale <= 0.0] = 1.0
-    values, vectors, bad = _lapack().dsyevd(normal / (scale[:, None] * scale))
+    values, vectors, bad = lapack().dsyevd(normal / (scale[:, None] * scale))
     if bad:
         raise np.linalg.LinAlgError('the normal matrix of a fit is not finite')
     if values[0] > _GRAM_LIMIT * values[-1] or rcond**2 >= _GRAM_LIMIT:
