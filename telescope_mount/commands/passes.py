@@ -14,7 +14,6 @@
 
 """The command ``passes``: when satellites can be tracked."""
 
-
 from . import options
 
 #: passes that are listed without --verbose
