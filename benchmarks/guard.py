@@ -41,11 +41,11 @@ from guard_drives import CORNERS, KNOTS, Many, Setting, carry_out, hermite
 from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky.site import Site
-from pointing_model.sky.sky_limits import SUN, SkyCircles
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.detour import lead
 from telescope_mount.guard.limits import Axis, Limits, travel_of
 from telescope_mount.guard.motion import AxisState
+from telescope_mount.guard.sky_limits import SUN, SkyCircles
 from telescope_mount.guard.track_check import Allowed, TrackCheck
 
 #: by what a drive that is controlled in steps of 0.05 s itself goes too far, rad

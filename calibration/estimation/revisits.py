@@ -29,12 +29,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import even_sample
+from msg_tools.units import DEG, even_sample
 from pointing_model.rms import sigma_of
 
 from .robust import GROSS
 from .step_scan import step_place, two_sided
 
+#: rad, within which visits are of one place: what terms leave changes little there
+SAME_PLACE = 3.0 * DEG
 #: differences between visits, at least: of fewer no order is rare
 FEWEST = 6
 #: chance of as much, in any of the candidates, by any order of the visits, which asks nothing of

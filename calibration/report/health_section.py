@@ -20,13 +20,11 @@ from msg_tools.units import ARCSEC, wrap
 
 from . import page_parts as page
 from .drawing import Panel, limit_of, padded, svg
-from .night_document import BOTH, RAW, steps_of
 from .number_wording import number
 
 #: nodes of which all that they say is shown
 _INSTRUMENTS = ('encoder', 'frame_reader', 'camera', 'inclinometer', 'mount')
 AXES = ('azimuth', 'elevation')
-_OLD_RAW = 'as the encoders read'  # in logs of before
 
 
 def health_section(health, run=None, axes=AXES):
@@ -159,60 +157,3 @@ def _nodes(nodes):
           page.SentenceList([f'{key} {value}' for key, value in node['values'].items()])
           if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
          for node in nodes], 'nodes', 'What each node said last'))
-
-
-def headline_of(report):
-    """Before and after in one sentence, its bars and its large numbers.
-
-    Parameters
-    ----------
-    report : dict
-        Of `CalibrationState.fit`.
-
-    Returns
-    -------
-    headline : str or None
-        None where nothing was fitted.
-    bars : list
-        As of `page_parts.BarChart`.
-    numbers : list of (float, str)
-    """
-    first, zeroed, last = steps_of(report)
-    if last is None:
-        return None, [], []
-    shown = [step for step in (first, zeroed, last) if step]
-    sizes = [f'{step["held_out"]["radial"]:.2f}″' for step in shown]
-    start = RAW if _name(first) == RAW else 'with the ' + first['step']
-    middle = f', {sizes[1]} with the zero set' if zeroed else ''
-    headline = f'{sizes[-1]} RMS on held-out stars with the model; {sizes[0]} {start}{middle}'
-    words = ['before: ', *[''] * bool(zeroed), 'after: ']
-    numbers = [(size, f'{word}{_name(step)}') for size, word, step in zip(sizes, words, shown)]
-    bars = [(_name(step), [(step['held_out']['radial'], 'after' if step is last else 'before',
-                             'stars held out')]) for step in shown]
-    return headline, bars, numbers
-
-
-def _name(step):
-    return RAW if step['step'] == _OLD_RAW else step['step']
-
-
-def models_section(report):
-    """Every kind of model on the stars that it was fitted to, and on others."""
-    _, _, last = steps_of(report)
-    rows = [(_name(step) + ' ← published' * (step is last and step['step'] != BOTH),
-             *_rms(step['used']), *_rms(step['held_out']), step['held_out']['n'])
-            for step in report.get('steps') or ()]
-    out = page.Table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',
-                      'held out: first axis ″', 'second ″', 'radial ″', 'stars held out'), rows,
-                     'numbers', 'Models compared')
-    checks = [(check['check'], *_rms(check), check['n'])
-              for check in report.get('external_check') or ()]
-    checked = page.Subsection('External check', page.Table(
-        ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
-        'numbers', 'External check'))
-    return page.FoldedSection('Models compared', [out, checked], 'Half of the stars fit each '
-                              'model, the other half judges it. RMS on the sky, arcsec.')
-
-
-def _rms(values):
-    return [page.Number(values[key]) for key in ('x', 'y', 'radial')]

@@ -37,9 +37,9 @@ from pointing_model.zero_drift import Following
 
 from . import page_parts as page
 from .error_table import ErrorLine, errors_section, term_lines
-from .health_section import headline_of, health_section, models_section
+from .health_section import health_section
 from .log_health import log_health
-from .night_document import steps_of
+from .night_document import BOTH, RAW, steps_of
 from .page_html import body_of, whole
 from .provenance import provenance_section, site_text
 from .residual_figures import controls, residual_sections, sky_maps
@@ -52,6 +52,7 @@ _ENDS = ('observation', 'observations', 'calibration/report', 'model', 'tracking
          'observer/checks')
 #: written beside the page into the folder of a night, if they are there
 FILES = ('observations.csv', 'model.json', 'report.json', 'diagnosis.json')
+_OLD_RAW = 'as the encoders read'  # in logs of before
 
 
 def night_page(run, model, report, log):
@@ -169,10 +170,10 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
         _largest(report, run, files),
         terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
                       'σ from the fit. IA[2]: how far IA of power-on 2 is from that of the first.'),
-        page.FoldedSection('RMS', page.BarChart(headline_of(report)[1], *_noise(report))),
+        page.FoldedSection('RMS', page.BarChart(_headline(report)[1], *_noise(report))),
         *residual_sections(data),
         zeros_section(report, rows, names), health_section(log.get('health'), run, names),
-        models_section(report), _tracking(report.get('tracking')),
+        _models(report), _tracking(report.get('tracking')),
         _diagnosis(diagnosis),
         page.FoldedSection('Notes', page.SentenceList(report.get('notes') or ())),
         provenance_section([
@@ -202,8 +203,43 @@ def _meta(run, begin, end):
     return page.Paragraph(f'{text}, mount {run.mount.kind}', 'meta')
 
 
+def _headline(report):
+    """Before and after in one sentence, its bars and its large numbers.
+
+    Parameters
+    ----------
+    report : dict
+        Of `CalibrationState.fit`.
+
+    Returns
+    -------
+    headline : str or None
+        None where nothing was fitted.
+    bars : list
+        As of `page_parts.BarChart`.
+    numbers : list of (float, str)
+    """
+    first, zeroed, last = steps_of(report)
+    if last is None:
+        return None, [], []
+    shown = [step for step in (first, zeroed, last) if step]
+    sizes = [f'{step["held_out"]["radial"]:.2f}″' for step in shown]
+    start = RAW if _name(first) == RAW else 'with the ' + first['step']
+    middle = f', {sizes[1]} with the zero set' if zeroed else ''
+    headline = f'{sizes[-1]} RMS on held-out stars with the model; {sizes[0]} {start}{middle}'
+    words = ['before: ', *[''] * bool(zeroed), 'after: ']
+    numbers = [(size, f'{word}{_name(step)}') for size, word, step in zip(sizes, words, shown)]
+    bars = [(_name(step), [(step['held_out']['radial'], 'after' if step is last else 'before',
+                             'stars held out')]) for step in shown]
+    return headline, bars, numbers
+
+
+def _name(step):
+    return RAW if step['step'] == _OLD_RAW else step['step']
+
+
 def _verdict(report, data):
-    headline, _, numbers = headline_of(report)
+    headline, _, numbers = _headline(report)
     alarms = (report.get('witnesses') or {}).get('alarms', [])
     lines = [f'Alarm: {text}' for text in alarms]
     if report.get('expected'):
@@ -346,3 +382,25 @@ def _words(run, report, split_seed):
             words[i] = words[i].replace('used', f'rejected: an outlier, {far:.1f}″ off')
         used &= ~at
     return used, words
+
+
+def _models(report):
+    """Every kind of model on the stars that it was fitted to, and on others."""
+    _, _, last = steps_of(report)
+    rows = [(_name(step) + ' ← published' * (step is last and step['step'] != BOTH),
+             *_rms(step['used']), *_rms(step['held_out']), step['held_out']['n'])
+            for step in report.get('steps') or ()]
+    out = page.Table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',
+                      'held out: first axis ″', 'second ″', 'radial ″', 'stars held out'), rows,
+                     'numbers', 'Models compared')
+    checks = [(check['check'], *_rms(check), check['n'])
+              for check in report.get('external_check') or ()]
+    checked = page.Subsection('External check', page.Table(
+        ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
+        'numbers', 'External check'))
+    return page.FoldedSection('Models compared', [out, checked], 'Half of the stars fit each '
+                              'model, the other half judges it. RMS on the sky, arcsec.')
+
+
+def _rms(values):
+    return [page.Number(values[key]) for key in ('x', 'y', 'radial')]

@@ -18,11 +18,11 @@ from dataclasses import replace
 
 from msg_tools.node import Param
 from msg_tools.node_lifecycle import AUTOSTART
-from pointing_model.sky.sky_limits import SKY_LIMITS
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 from pointing_model.sky.skyline import parse_horizon
 
 from .limits import parse_pair
+from .sky_limits import SKY_LIMITS
 
 
 def _travel(name, which):

@@ -21,8 +21,9 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.sky.sky_limits import SUN
 from pointing_model.sky.skyline import Horizon
+
+from .sky_limits import SUN
 
 #: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
 #: catching up

@@ -25,7 +25,6 @@ from msg_tools.node_lifecycle import ACTIVATION, ManagedNode
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
 from pointing_model.sky.site import Site
-from pointing_model.sky.sky_limits import SKY_LIMITS
 from pointing_model.sky.sky_params import SKY_PARAMS, mount_of
 from pointing_model.sky.skyline import Horizon, parse_horizon
 
@@ -36,6 +35,7 @@ from .goto import GotoSupervisor
 from .guard_params import PARAMS
 from .guard_settings import GuardSettings
 from .limits import Axis, Limits, parse_pair, travel_of
+from .sky_limits import SKY_LIMITS
 from .supervisor import LATE, STILL, Supervisor
 from .watchdog import ERROR, WARN
 

@@ -26,7 +26,6 @@ import math
 from contextlib import suppress
 
 from msg_tools.units import DEG
-from pointing_model.sky.sky_limits import SkyCircles
 
 from .axis_readings import AxisReadings
 from .axis_track import ended, resting
@@ -34,6 +33,7 @@ from .course import Course, moves_onto, stop_track
 from .detour import around, lead
 from .limits import SLEW_SHARE
 from .motion import AxisState
+from .sky_limits import SkyCircles
 from .track_check import Allowed, Refused, TrackCheck
 from .watchdog import ERROR, OK, WARN, off_course, silence, why_stop
 

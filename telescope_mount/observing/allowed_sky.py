@@ -20,10 +20,10 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ
-from pointing_model.sky.sky_limits import SKY_LIMITS, SkyCircles
 from pointing_model.sky.skyline import Horizon, parse_horizon
 
 from ..guard.limits import parse_pair
+from ..guard.sky_limits import SKY_LIMITS, SkyCircles
 
 #: a star keeps so far from horizon and ends of travel, and from limits in the sky, which move while
 #: it is gone to, rad: readings are beside places of the sky by zero, model and refraction, and the

@@ -26,10 +26,53 @@ from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget, load_cata
 from pointing_model.zero import BY_STARS, MARK
 
 from .star_choice import ANYWHERE, axes_at
-from .zero_stars import Before, ZeroMethod, way_to_zero, zero_sigma, zero_stars
+from .zero_stars import Before, zero_sigma, zero_stars
 
 #: without a model the stars are wanted again in the next power-on: they stay up so long, s
 _AGAIN = 1800.0
+#: Polaris is well up where the zero that it gives has at most so many times the sigma that stars
+#: give, of either axis
+WELL_UP = 2.0
+
+
+class ZeroMethod(NamedTuple):
+    """By which way to set a zero, and why, in words."""
+
+    polaris: bool
+    why: str
+
+
+def way_to_zero(polaris, stars, *, lowest, highest):
+    """Whether Polaris is well up.
+
+    Parameters
+    ----------
+    polaris : tuple
+        Elevation of Polaris from begin to end, ndarray, radians; and the sigma of the zeros that
+        it would give, shape (2,), radians.
+    stars : ndarray, shape (2,), or None
+        As chosen stars would; None where there are none.
+    lowest, highest : float
+        Limits of elevation, radians.
+
+    Returns
+    -------
+    ZeroMethod
+    """
+    heights, own = polaris
+    low, high = heights.min(), heights.max()
+    if low < lowest or high > highest:
+        outside = (low if low < lowest else high) / DEG
+        return ZeroMethod(False, f'Polaris stands at {outside:.1f} deg, outside the limits of '
+                          'elevation')
+    if stars is None:
+        return ZeroMethod(True, 'no star is within the limits')
+    ratio = own / stars
+    words = (f'sigma to be expected {own[0] / ARCSEC:.2f}, {own[1] / ARCSEC:.2f} arcsec, of stars '
+             f'{stars[0] / ARCSEC:.2f}, {stars[1] / ARCSEC:.2f}')
+    if np.all(ratio <= WELL_UP):
+        return ZeroMethod(True, f'Polaris is well up: {words}')
+    return ZeroMethod(False, f'Polaris is of little use here: {words}')
 
 
 class ZeroExposures(NamedTuple):
@@ -112,7 +155,7 @@ class ZeroChoice:
     # --- which way ----------------------------------------------------------------------------
 
     def way(self, n):
-        """By Polaris or by stars, a `zero_stars.ZeroMethod`; `n` exposures."""
+        """By Polaris or by stars, a `ZeroMethod`; `n` exposures."""
         star = load_catalogue(hip=[POLARIS_HIP])
         place = observed_place(star, self._time, self._site, self._weather)
         if not np.all(self._reach.permitted(self._mount, *place, self._time, star.hip)):

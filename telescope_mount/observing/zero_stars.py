@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which stars to expose for a zero, how often each, and whether Polaris does as well.
+"""Which stars to expose for a zero, and how often each.
 
 What an exposure says of the zeros is falsified by what the other terms are off: the covariance of
 what is held counts (generalised least squares), beside the noise of the exposures. So the best
@@ -43,9 +43,6 @@ NOISE = 1.0 * ARCSEC
 FEWEST, MOST = 4, 8
 #: more different stars are taken where they make a sigma smaller by so much
 _WORTH = 1.05
-#: Polaris is well up where the zero that it gives has at most so many times the sigma that stars
-#: give, of either axis
-WELL_UP = 2.0
 _PASSES = 4
 #: how much the change counts in a night without a model: with 16, sixteen exposures give it with
 #: 1.25 times the sigma of Polaris at +34 deg, and the zeros themselves with 1.6 times their best;
@@ -365,43 +362,3 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
         first, second, n, model=model, mount=mount, before=before, start=start,
         keep=[row for number in prefer for row in np.flatnonzero(stars.hip[rows] == number)])
     return found._replace(rows=rows[found.rows])
-
-
-class ZeroMethod(NamedTuple):
-    """By which way to set a zero, and why, in words."""
-
-    polaris: bool
-    why: str
-
-
-def way_to_zero(polaris, stars, *, lowest, highest):
-    """Whether Polaris is well up.
-
-    Parameters
-    ----------
-    polaris : tuple
-        Elevation of Polaris from begin to end, ndarray, radians; and the sigma of the zeros that
-        it would give, shape (2,), radians.
-    stars : ndarray, shape (2,), or None
-        As chosen stars would; None where there are none.
-    lowest, highest : float
-        Limits of elevation, radians.
-
-    Returns
-    -------
-    ZeroMethod
-    """
-    heights, own = polaris
-    low, high = heights.min(), heights.max()
-    if low < lowest or high > highest:
-        outside = (low if low < lowest else high) / DEG
-        return ZeroMethod(False, f'Polaris stands at {outside:.1f} deg, outside the limits of '
-                          'elevation')
-    if stars is None:
-        return ZeroMethod(True, 'no star is within the limits')
-    ratio = own / stars
-    words = (f'sigma to be expected {own[0] / ARCSEC:.2f}, {own[1] / ARCSEC:.2f} arcsec, of stars '
-             f'{stars[0] / ARCSEC:.2f}, {stars[1] / ARCSEC:.2f}')
-    if np.all(ratio <= WELL_UP):
-        return ZeroMethod(True, f'Polaris is well up: {words}')
-    return ZeroMethod(False, f'Polaris is of little use here: {words}')

@@ -26,7 +26,7 @@ from calibration.estimation.correlated_noise import Sequence, WhiteNoise
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.lag_correlation import lag_correlation
 from calibration.estimation.outlier_clusters import Window, clusters
-from calibration.estimation.revisits import Revisits
+from calibration.estimation.revisits import SAME_PLACE, Revisits
 from calibration.estimation.step_scan import step_place
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.context import Context
@@ -39,8 +39,6 @@ from .observations import sequence_of
 from .period_scans import GEARS
 from .row_counts import row_word
 
-#: rad, within which visits are of one place: what terms leave changes little there
-RADIUS = 3.0 * DEG
 #: differences between visits of which the noise is said, at least: of ten it is known to a fifth;
 #: rows among which outliers are looked for
 _FEWEST, _FEW = 10, 18
@@ -136,7 +134,7 @@ class ResidualRows(NamedTuple):
         columns, index = (stacked_design(names, context.az, context.el, mount)
                           for names in (terms, mount.names.index))
         return Revisits(
-            context.direction(), position, self.residual, RADIUS,
+            context.direction(), position, self.residual, SAME_PLACE,
             (columns[:, :n], columns[:, n:]), np.array([index[0, :n], index[1, n:]]),
             sequence.group, is_beyond(context.el).astype(int), sequence.run if own_zeros else None)
 
@@ -162,7 +160,7 @@ def visit_findings(rows, visits):
     names, move = rows.context.mount.names, visits.move
     if move is None and visits.differences < _FEWEST:
         return []
-    known = {'places': visits.places, 'radius_deg': RADIUS / DEG, 'axes': names.axes,
+    known = {'places': visits.places, 'radius_deg': SAME_PLACE / DEG, 'axes': names.axes,
              'zeros': visits.zeros,
              'noise_arcsec': tuple((visits.noise / ARCSEC).tolist()),
              'left_arcsec': tuple(float(sigma_of(one)) / ARCSEC for one in rows.residual)}

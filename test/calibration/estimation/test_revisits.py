@@ -17,9 +17,7 @@
 import numpy as np
 import pytest
 
-from calibration.estimation.revisits import Revisits
-
-RADIUS = np.radians(3.0)
+from calibration.estimation.revisits import SAME_PLACE, Revisits
 
 
 def two_passes(seed, places=20, size=0.0, noise=1.0, place=0.0, curve=None, **more):
@@ -35,7 +33,7 @@ def two_passes(seed, places=20, size=0.0, noise=1.0, place=0.0, curve=None, **mo
     value[1] += size * (np.arange(n) >= places)
     if curve is not None:
         value[1] += curve(rng, n)
-    return Revisits(direction, np.arange(n) * 60.0, value, RADIUS, **more)
+    return Revisits(direction, np.arange(n) * 60.0, value, SAME_PLACE, **more)
 
 
 def test_the_noise_of_a_visit_has_nothing_of_the_places_in_it():
@@ -76,7 +74,7 @@ def test_all_rows_say_where_a_step_of_both_zeros_is():
         # pairs of rows may be one visit: some begin before the step and end after it
         same = np.arange(n) - (np.diff(place, prepend=-1) == 0)
         direction = np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
-        visits = Revisits(direction, np.arange(n) * 60.0, value, RADIUS, (design, design),
+        visits = Revisits(direction, np.arange(n) * 60.0, value, SAME_PLACE, (design, design),
                           group=same)
         move = visits.move
         assert move.after == move.before + 1 and move.both == 8
@@ -109,10 +107,10 @@ def test_a_zero_that_wanders_has_moved_but_in_no_step(curve):
 def test_exposures_of_one_visit_are_no_second_visit():
     direction = np.tile(np.array([[0.0], [0.6], [0.8]]), 24)
     value = np.random.default_rng(5).normal(size=(2, 24))
-    one = Revisits(direction, np.arange(24.0), value, RADIUS, group=np.arange(24) // 12)
+    one = Revisits(direction, np.arange(24.0), value, SAME_PLACE, group=np.arange(24) // 12)
     assert one.differences == 1 and [len(rows) for rows in one.rows] == [12, 12]
     # the other side of the pier is another place
-    assert Revisits(direction, np.arange(24.0), value, RADIUS,
+    assert Revisits(direction, np.arange(24.0), value, SAME_PLACE,
                     side=np.arange(24) // 12).differences == 22
-    every = Revisits(direction, np.arange(24.0), value, RADIUS)
+    every = Revisits(direction, np.arange(24.0), value, SAME_PLACE)
     assert one.move is None and every.differences == 23

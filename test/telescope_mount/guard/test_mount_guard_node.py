@@ -25,9 +25,9 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode
 from msg_tools.params import BadInput
 from msg_tools.units import DEG
-from pointing_model.sky.sky_limits import SUN
 from telescope_mount.guard import mount_guard_node
 from telescope_mount.guard.mount_guard_node import MountGuard
+from telescope_mount.guard.sky_limits import SUN
 from telescope_mount.guard.supervisor import LATE
 from telescope_mount.guard.watchdog import ERROR, OK, WARN
 

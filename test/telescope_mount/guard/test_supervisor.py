@@ -25,11 +25,11 @@ from msg_tools.units import DEG
 from pointing_model.mounts import Mount as Places
 from pointing_model.sky.places import sun_place
 from pointing_model.sky.site import DEFAULT_SITE
-from pointing_model.sky.sky_limits import SUN, SkyCircles
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard import supervisor as supervisor_of
 from telescope_mount.guard.axis_track import Cubic, braked, ended
 from telescope_mount.guard.limits import Axis, Limits, travel_of
+from telescope_mount.guard.sky_limits import SUN, SkyCircles
 from telescope_mount.guard.supervisor import LATE
 from telescope_mount.guard.watchdog import WARN
 from telescope_mount.observing.axis_demand import Track

@@ -21,12 +21,12 @@ from msg_tools.units import DEG
 from pointing_model.mounts import Mount
 from pointing_model.sky.places import sun_place
 from pointing_model.sky.site import DEFAULT_SITE
-from pointing_model.sky.sky_limits import SUN, Circle, SkyCircles, SkyLimit
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.detour import around, lead
 from telescope_mount.guard.limits import Axis, Limits, safe_travel, travel_of
 from telescope_mount.guard.motion import AxisState, Slew
+from telescope_mount.guard.sky_limits import SUN, Circle, SkyCircles, SkyLimit
 from telescope_mount.guard.track_check import Allowed, Refused, TrackCheck
 
 KNOTS = np.arange(0.0, 121.0, 20.0)

@@ -22,11 +22,11 @@ from bench import START, Bench
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import parse_mount
-from pointing_model.sky import sky_limits
 from pointing_model.sky.places import observed_place, sun_place
 from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from pointing_model.sky.star_catalogue import load_catalogue
+from telescope_mount.guard import sky_limits
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.observing import star_choice
 from telescope_mount.observing.allowed_sky import NEAR, AllowedSky, rows_of

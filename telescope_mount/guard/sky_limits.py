@@ -25,9 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pointing_model.mounts import ALTAZ
-
-from .earth import TURN_RATE
-from .places import sun_place
+from pointing_model.sky.earth import TURN_RATE
+from pointing_model.sky.places import sun_place
 
 #: the place is computed anew after so long, s; in between the sky turns
 _FRESH = 600.0
