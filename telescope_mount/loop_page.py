@@ -25,7 +25,7 @@ from calibration.report.drawing import limit_of
 from calibration.report.error_table import errors_section
 from calibration.report.page_html import body_of, whole
 from calibration.report.provenance import provenance_section, site_text
-from calibration.report.residual_figures import target
+from calibration.report.target_plot import target
 from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC

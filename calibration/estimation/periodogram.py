@@ -30,6 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .candidates import CandidateBank, Scores
+from .equal_causes import SET_WIDTH
 from .linear_model import LIVE
 
 #: rates a resolution element (1 / length of the driver)
@@ -40,9 +41,6 @@ _FEWEST_WAVES = 3.0
 SHAPES = ((1,), (1, 2), (1, 2, 3))
 #: longer periods, whose harmonic a wave may be
 _LONGER = (1, 2, 3)
-#: BIC by which a further harmonic, or a longer period, must be better: "strong" evidence, as
-#: of one effect over another
-_SHAPE_MARGIN = 6.0
 #: of waves that would be as large by chance, how many are expected, from where no flips are asked
 _PLAINLY_CHANCE = 0.03
 #: waves that a part of the rows is offered: the best of all rows, and those beside them
@@ -355,7 +353,7 @@ class PeriodBank(CandidateBank):
                     continue
                 group = shape * self.count + int(near)
                 own, gain = self.tuned_rate(fit, group, base)
-                if gain > best + _SHAPE_MARGIN:
+                if gain > best + SET_WIDTH:
                     found, best = (group, own), gain
         return found
 

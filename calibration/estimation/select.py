@@ -32,12 +32,13 @@ import numpy as np
 from .backward_elimination import eliminate
 from .candidates import CandidateGroup, best_of, largest
 from .chance import ChanceTest
+from .equal_causes import SET_WIDTH
 from .false_alarms import MEMORY_SHARE, SHARES
 from .group_columns import orthonormal
 from .linear_model import DISTINCT
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
-from .significance import SET_WIDTH, beside_memory
+from .significance import beside_memory
 
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5

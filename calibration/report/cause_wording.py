@@ -16,7 +16,7 @@
 
 import re
 
-from calibration.estimation.significance import SET_WIDTH
+from calibration.estimation.equal_causes import SET_WIDTH
 from pointing_model.effects.base import EFFORTS, readable
 from pointing_model.mount_kinds import KINDS
 

@@ -18,7 +18,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.estimation.significance import SET_WIDTH
+from calibration.estimation.equal_causes import SET_WIDTH
 from pointing_model.effects.base import AXES as AXIS_WORDS
 from pointing_model.effects.base import arcsec, readable
 

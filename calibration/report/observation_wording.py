@@ -18,7 +18,7 @@ from itertools import groupby
 
 import numpy as np
 
-from calibration.estimation.significance import SET_WIDTH
+from calibration.estimation.equal_causes import SET_WIDTH
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import KINDS, USUAL
 

@@ -31,9 +31,9 @@ import numpy as np
 from calibration.estimation.backward_elimination import eliminate, significances
 from calibration.estimation.candidates import TIE, CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.equal_causes import SET_WIDTH
 from calibration.estimation.linear_model import LIVE
 from calibration.estimation.select import affordable, choose, search
-from calibration.estimation.significance import SET_WIDTH
 
 from .effect_causes import cause_entry
 

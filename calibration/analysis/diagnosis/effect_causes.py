@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibration.estimation.candidates import TIE
-from calibration.estimation.significance import SET_WIDTH
+from calibration.estimation.equal_causes import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word
 from pointing_model.fitted_effects import FittedEffect

@@ -16,7 +16,7 @@
 
 import numpy as np
 
-from calibration.estimation.select import SET_WIDTH
+from calibration.estimation.equal_causes import SET_WIDTH
 from pointing_model.effects import effect, for_mount
 from pointing_model.effects.drifts import MOVING, about
 from pointing_model.effects.thermal import BEFORE

@@ -16,8 +16,8 @@
 
 import numpy as np
 
+from calibration.estimation.equal_causes import SET_WIDTH
 from calibration.estimation.periodogram import SHAPES, PeriodBank, WaveScan, rate_error
-from calibration.estimation.significance import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.effects.base import AXES, for_mount, on_axis

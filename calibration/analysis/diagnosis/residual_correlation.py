@@ -25,8 +25,8 @@ import numpy as np
 
 from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.equal_causes import SET_WIDTH
 from calibration.estimation.linear_model import DISTINCT
-from calibration.estimation.significance import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 

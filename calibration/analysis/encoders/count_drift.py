@@ -27,8 +27,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
+from pointing_model.effects.backlash import MEMORIES
 from pointing_model.effects.base import effect
-from pointing_model.effects.hysteresis import MEMORIES
 from pointing_model.zero_drift import AxisFollowing, Following, harmonic_columns
 
 from ...estimation.correlated_noise import WhiteNoise

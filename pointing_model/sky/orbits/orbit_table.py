@@ -20,13 +20,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .ephemeris import BAD, Arc
+from .orbit_errors import usual_sigma
 from .time_scales import utc_text
 
-#: m, of a coordinate where a file does not say: an orbit that was fitted to data; a prediction of a
-#: low satellite and of a high one on its first day, and how it grows in a day. Predictions of one
-#: satellite by several providers differ by 40 to 420 m.
-FITTED = 0.1
-PREDICTED = ((8.4e6, 60.0, 120.0), (np.inf, 20.0, 20.0))
 #: m, of a coordinate between epochs: more is reported
 COARSE = 0.3
 
@@ -106,13 +102,7 @@ class ObjectRows:
         return rates if np.isfinite(rates).all() and np.any(rates != 0.0, axis=1).all() else None
 
     def _sigmas(self, keep, tai):
-        if self.predicted:
-            radius = float(np.median(np.linalg.norm(self.places[keep], axis=1)))
-            first, growth = next(one[1:] for one in PREDICTED if radius < one[0])
-            issued = tai[0] if self.issued is None else self.issued
-            default = first + growth * np.maximum(tai - issued, 0.0) / 86400.0
-        else:
-            default = np.full(len(keep), FITTED)
+        default = usual_sigma(self.places[keep], tai, self.predicted, self.issued)
         if self.sigmas is None:
             return default
         given = self.sigmas[keep]

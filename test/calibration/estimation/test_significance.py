@@ -21,9 +21,10 @@ import numpy as np
 from calibration.estimation.candidates import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance
 from calibration.estimation.correlated_noise import Sequence
+from calibration.estimation.equal_causes import SET_WIDTH
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
-from calibration.estimation.significance import SET_WIDTH, significance
+from calibration.estimation.significance import significance
 
 N = 60
 

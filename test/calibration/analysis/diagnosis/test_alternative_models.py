@@ -32,8 +32,9 @@ from calibration.analysis.diagnosis.effect_causes import diagnosed_effect
 from calibration.estimation.candidates import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance
 from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.equal_causes import SET_WIDTH
 from calibration.estimation.select import choose
-from calibration.estimation.significance import SET_WIDTH, Significance
+from calibration.estimation.significance import Significance
 from msg_tools.units import ARCSEC
 from pointing_model.effects import Effect
 from pointing_model.fitted_effects import FittedEffect

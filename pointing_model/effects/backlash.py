@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Hysteresis: an axis reads differently by the side that it came from."""
+"""Backlash and hysteresis: an axis reads differently by the side that it came from."""
 
 import numpy as np
 

@@ -1,0 +1,98 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Causes that explain a run as well as the one that was found: within `SET_WIDTH` of the best."""
+
+import numpy as np
+
+from .candidates import TIE
+from .linear_model import DISTINCT, contained, overlap
+
+#: candidates within this BIC of the best are one set: from 6 on the evidence for one of two is
+#: "strong" (Kass and Raftery 1995, section 3.2)
+SET_WIDTH = 6.0
+#: below the set, in BIC, to where what is scanned is asked between the places that were tried: its
+#: place is not where it fits best, as that of what was found
+_NEARLY = 3.0
+#: squared cosine from which two groups are the same curve: what they do not share is then below
+#: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
+ALIAS = 0.98
+
+
+def equal_causes(problem, choice, i, scores):
+    """What could stand in the place of one of a choice.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    choice : ModelChoice
+    i : int
+        Of `choice.chosen`.
+    scores : Scores
+        Of its bank, with the others of the choice in the model.
+
+    Returns
+    -------
+    gains : ndarray, shape (G,)
+        Of each candidate in its place; of what is scanned and nearly as good, where it fits best.
+    equals : list of int
+        Groups of other lines of the ranking within `SET_WIDTH` of the best.
+    same : list of int
+        Of these the ones that are the same curve in this run (aliases).
+    """
+    bank, g = choice.chosen[i].family(problem, choice.chosen)
+    every = _refined(problem, g, scores) if choice.chosen[i].plain else scores.delta_bic
+    equals, same = _equals(problem, choice, i, bank, g, every), []
+    if equals:
+        own = scores.basis(g)
+        # what it shares nothing with, as one of the other axis, is no cause of the same
+        equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT
+                  # nor what holds it and more of the same driver, and fits no better; a scan has
+                  # directions, too
+                  and (every[k] > every[g] or bank.effects[k].driver != bank.effects[g].driver
+                       or scores.dof[k] <= scores.dof[g] + bank.scan_cost[g]
+                       or contained(own, scores.basis(k)) <= ALIAS)]
+        same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
+    return every, equals, same
+
+
+def _refined(problem, g, scores):
+    """Gains, (G,), with what is scanned and nearly in the set of `g` where it fits best."""
+    bank, gains = scores.bank, scores.delta_bic
+    out, limit = gains.copy(), gains.max() - SET_WIDTH
+    # of a line in the set the best is there already
+    lines = {int(bank.line[g]), *bank.line[gains >= limit].tolist()}
+    near = np.flatnonzero((gains < limit) & (gains > max(limit - _NEARLY, 0.0)))
+    for k in near[np.argsort(-gains[near], kind='stable')]:
+        if bank.effects[k].scan is not None and int(bank.line[k]) not in lines:
+            out[k] = max(gains[k], problem.finer(int(k)).score(scores.fit).delta_bic.max())
+        lines.add(int(bank.line[k]))
+    return out
+
+
+def _equals(problem, choice, i, bank, g, gains):
+    """Groups of other lines that gain as much in the place of one of a choice."""
+    one = choice.chosen[i]
+    others = {c.family(problem, choice.chosen)[1] for j, c in enumerate(choice.chosen)
+              if j != i and (c.curve, c.period, c.of is None) == (
+                  one.curve, one.period, one.of is None)}
+    limit, lines, near = gains.max() - SET_WIDTH, {int(bank.line[g])}, []
+    # of two names of one curve the first, whatever the rounding
+    for other in np.argsort(-np.round(gains / TIE), kind='stable'):
+        if gains[other] < max(limit, 0.0):
+            break
+        if other != g and other not in others and int(bank.line[other]) not in lines:
+            lines.add(int(bank.line[other]))
+            near.append(int(other))
+    return near
