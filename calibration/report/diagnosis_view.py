@@ -35,7 +35,7 @@ from .number_wording import value_and_error
 from .provenance import about, axes_note
 from .residual_axes import Driver, driver_of
 from .residuals import Residuals, turned
-from .sky_grid import grid_of
+from .sky_map import grid_of
 from .verdict_wording import (
     VERDICTS,
     Statement,

@@ -24,8 +24,6 @@ from .page_parts import Markup
 MAX_POINTS = 3000
 #: marks that are no dots, by class
 _MARKS = {'third': 'm-2.8 2.4h5.6l-2.8 -5z', 'fit': 'm-2.6 -2.6l5.2 5.2m0 -5.2l-5.2 5.2'}
-#: of a map of the sky, for arrows that reach out of it
-ARROW_MARGIN = 40.0
 MAX_NAMED = 400  # up to here every point has its name as a tooltip
 
 
@@ -57,13 +55,14 @@ def _tick(value):
     return f'{value:.6g}'.replace('-', '\u2212')
 
 
-def _n(value):
+def pt(value):
+    """A coordinate as a drawing has it, to a tenth."""
     return f'{value:.1f}'.rstrip('0').rstrip('.')
 
 
 def _rounding(n):
     """How a coordinate is written: of many marks as a whole number, for the size of the page."""
-    return _n if n <= MAX_NAMED else '{:.0f}'.format
+    return pt if n <= MAX_NAMED else '{:.0f}'.format
 
 
 def text(x, y, words, style='tick', anchor='middle', dy=''):
@@ -82,7 +81,7 @@ def text(x, y, words, style='tick', anchor='middle', dy=''):
     """
     anchor = '' if anchor == 'start' else f' text-anchor="{anchor}"'
     dy = f' dy="{dy}"' if dy else ''
-    return f'<text class="{style}"{anchor} x="{_n(x)}" y="{_n(y)}"{dy}>{clean(words)}</text>'
+    return f'<text class="{style}"{anchor} x="{pt(x)}" y="{pt(y)}"{dy}>{clean(words)}</text>'
 
 
 def thinned(rows, limit):
@@ -121,22 +120,22 @@ class Panel:
         left, right = self.left, self.left + self.width
         top, bottom = self.top, self.top + self.height
         out = self.parts
-        out.append(f'<rect class="frame" x="{_n(left)}" y="{_n(top)}" width="{_n(self.width)}" '
-                   f'height="{_n(self.height)}"/>')
+        out.append(f'<rect class="frame" x="{pt(left)}" y="{pt(top)}" width="{pt(self.width)}" '
+                   f'height="{pt(self.height)}"/>')
         for value in ticks(*self.y_range, 4):
             y = self.y(value)
-            out.append(f'<path class="{"zero" if value == 0 else "grid"}" d="M{_n(left)} {_n(y)}H'
-                       f'{_n(right)}"/>' + text(left - 5, y, _tick(value), 'tick', 'end', '.32em'))
+            out.append(f'<path class="{"zero" if value == 0 else "grid"}" d="M{pt(left)} {pt(y)}H'
+                       f'{pt(right)}"/>' + text(left - 5, y, _tick(value), 'tick', 'end', '.32em'))
         values = ticks(*self.x_range, 6) if x_ticks is None else x_ticks
         for i, value in enumerate(values):
             x = self.x(value)
-            out.append(f'<path class="grid" d="M{_n(x)} {_n(bottom)}v4"/>')
+            out.append(f'<path class="grid" d="M{pt(x)} {pt(bottom)}v4"/>')
             if x_label:
                 out.append(text(x, bottom + 16, _tick(value) if x_texts is None else x_texts[i]))
         if x_label:
             out.append(text((left + right) / 2, bottom + 33, x_label, 'label'))
         if y_label:
-            x, y = _n(left - 38), _n((top + bottom) / 2)
+            x, y = pt(left - 38), pt((top + bottom) / 2)
             out.append(f'<text class="label" text-anchor="middle" transform="translate({x} {y}) '
                        f'rotate(-90)">{clean(y_label)}</text>')
         if title:
@@ -185,11 +184,11 @@ class Panel:
         inside = ~over
         if keys is not None:
             self.parts.append(f'<g class="{style} dots"{moves}>' + ''.join(
-                f'<path data-i="{keys[i]}" d="M{_n(a)} {_n(b)}h0"/>'
+                f'<path data-i="{keys[i]}" d="M{pt(a)} {pt(b)}h0"/>'
                 for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
         elif names is not None and len(x) <= MAX_NAMED:
             self.parts.append(f'<g class="{style}">' + ''.join(
-                f'<circle cx="{_n(a)}" cy="{_n(b)}" r="2.4"><title>{clean(names[i])}'
+                f'<circle cx="{pt(a)}" cy="{pt(b)}" r="2.4"><title>{clean(names[i])}'
                 f'</title></circle>'
                 for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
         else:
@@ -202,7 +201,7 @@ class Panel:
         for a, value, i in zip(px[over], shown[over], good[over]):
             b, s = (self.top + 1, 6) if value > high else (self.top + self.height - 1, -6)
             key = '' if keys is None else f' data-i="{keys[i]}"'
-            self.parts.append(f'<path class="{style} beyond"{key} d="M{_n(a)} {_n(b)}l4 {s}h-8z">'
+            self.parts.append(f'<path class="{style} beyond"{key} d="M{pt(a)} {pt(b)}l4 {s}h-8z">'
                               f'<title>{value:.1f} arcsec, beyond the frame</title></path>')
         if moves and over.any():
             self.parts.append('</g>')
@@ -212,7 +211,7 @@ class Panel:
         good, px, py = self._places(x, y, len(x))
         px = np.clip(px, self.left, self.left + self.width)
         self.parts.append(f'<g class="{style} crosses"{moves}>' + ''.join(
-            f'<path data-i="{keys[i]}" d="M{_n(a)} {_n(b)}m-3 -3l6 6m0 -6l-6 6"/>'
+            f'<path data-i="{keys[i]}" d="M{pt(a)} {pt(b)}m-3 -3l6 6m0 -6l-6 6"/>'
             for a, b, i in zip(px, py, good)) + '</g>')
 
     def bars(self, x, y, sigma, style):
@@ -220,7 +219,7 @@ class Panel:
         x, y, sigma = (np.asarray(v, float) for v in (x, y, sigma))
         good = np.isfinite(x) & np.isfinite(y) & np.isfinite(sigma)
         ends = (self.y(np.clip(y + s * sigma, *self.y_range)) for s in (-1.0, 1.0))
-        d = ''.join(f'M{_n(a)} {_n(b)}V{_n(c)}' for a, b, c, g in zip(self.x(x), *ends, good) if g)
+        d = ''.join(f'M{pt(a)} {pt(b)}V{pt(c)}' for a, b, c, g in zip(self.x(x), *ends, good) if g)
         if d:
             self.parts.append(f'<g class="{style} bars-of"><path d="{d}"/></g>')
 
@@ -235,14 +234,14 @@ class Panel:
     def band(self, x, low, high):
         """What lies between two lines."""
         x, top, bottom = self.x(x), self.y(high), self.y(low)
-        d = 'L'.join(f'{_n(a)} {_n(b)}' for a, b in zip(
+        d = 'L'.join(f'{pt(a)} {pt(b)}' for a, b in zip(
             np.r_[x, x[::-1]], np.r_[top, bottom[::-1]]))
         self.parts.append(f'<path class="band" d="M{d}z"/>')
 
     def line(self, x, y, style, close=False):
         """A polyline."""
         px, py = self.x(x), self.y(y)
-        d = 'L'.join(f'{_n(a)} {_n(b)}' for a, b in zip(px, py))
+        d = 'L'.join(f'{pt(a)} {pt(b)}' for a, b in zip(px, py))
         self.parts.append(f'<path class="{style}" d="M{d}{"z" if close else ""}"/>')
 
 
@@ -301,132 +300,3 @@ def padded(values, part, least=0.0):
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     room = part * max(high - low, least)
     return low - room, high + room
-
-
-class SkyMap:
-    """The sky as a compass lies: zenith in the middle, north up, east to the right.
-
-    Parameters
-    ----------
-    size : float
-        Of the square drawing.
-    lowest : float
-        Elevation at the rim, degrees.
-    grid : tuple, optional
-        Axes of a mount, as of `sky_grid.grid_of`, drawn in dashes.
-    """
-
-    def __init__(self, size, lowest, grid=None):
-        self.size, self.centre, self.radius = size, size / 2, size / 2 - 24
-        self.lowest = lowest
-        self.parts = []
-        #: how far arrows reach out of the drawing: left, above, right, below; and how many are
-        #: longer than they are drawn
-        self.beyond, self.shortened = np.zeros(4), 0
-        c, r = self.centre, self.radius
-        for elevation in np.arange(np.ceil(lowest / 30.0) * 30.0, 90.0, 30.0):
-            rr = r * (90.0 - elevation) / (90.0 - lowest)
-            self.parts.append(f'<circle class="grid" cx="{_n(c)}" cy="{_n(c)}" r="{_n(rr)}"/>')
-            if elevation > lowest:
-                self.parts.append(text(c + 3, c - rr + 11, f'{elevation:g}°', anchor='start'))
-        self.parts.append(f'<circle class="rim" cx="{_n(c)}" cy="{_n(c)}" r="{_n(r)}"/>'
-                          f'<path class="grid" d="M{_n(c - r)} {_n(c)}h{_n(2 * r)}M{_n(c)} '
-                          f'{_n(c - r)}v{_n(2 * r)}"/>')
-        for side, dx, dy in (('N', 0, -1), ('E', 1, 0), ('S', 0, 1), ('W', -1, 0)):
-            self.parts.append(text(c + dx * (r + 12), c + dy * (r + 12), side, 'label', dy='.35em'))
-        if grid is not None:
-            self._axes_of(*grid)
-
-    def _axes_of(self, lines, names):
-        """Lines along which one axis of a mount stands still; where its pole is."""
-        d = ''
-        for az, el in lines:
-            seen = np.degrees(el) >= self.lowest - 1e-6  # below the rim a line is broken
-            for i, (x, y) in enumerate(zip(*self.place(az, el))):
-                if seen[i]:
-                    d += f'{"L" if i and seen[i - 1] else "M"}{_n(x)} {_n(y)}'
-        self.parts.append(f'<path class="grid axes" d="{d}"/>')
-        for az, el, name in names:
-            x, y = self.place(az, el)
-            # those of the elevation stand above the middle
-            if np.degrees(el) >= self.lowest + 3.0 and np.hypot(x - self.centre - 12.0,
-                                                                y - self.centre) > 12.0:
-                self.parts.append(text(x - 3, y - 3, name, 'axes', anchor='end'))
-
-    def place(self, az, el):
-        """Drawing coordinates of directions, radians."""
-        distance = self.radius * (90.0 - np.degrees(el)) / (90.0 - self.lowest)
-        return self.centre + distance * np.sin(az), self.centre - distance * np.cos(az)
-
-    def _vectors(self, az, el, x, y):
-        """Where arrows begin, and what they are with a drawing unit an arcsec."""
-        s, c = np.sin(az), np.cos(az)
-        return *self.place(az, el), x * c - y * s, x * s + y * c
-
-    def _room(self, px, py, dx, dy):
-        """By how much each arrow may be multiplied to end within the drawing and its margin."""
-        low, high = -ARROW_MARGIN, self.size + ARROW_MARGIN
-        with np.errstate(divide='ignore', invalid='ignore'):
-            return np.min([np.where(d == 0.0, np.inf, (np.where(d > 0.0, high, low) - p) / d)
-                           for p, d in ((px, dx), (py, dy))], axis=0)
-
-    def scale_for(self, az, el, x, y, wanted):
-        """Scale of arrows with which all end within the drawing and its margin.
-
-        Parameters
-        ----------
-        az, el, x, y : ndarray, shape (n,)
-            As of `arrows`.
-        wanted : float
-            Drawing units an arcsec; of it a half at least, whatever single rows need.
-        """
-        room = self._room(*self._vectors(az, el, x, y))
-        return float(np.clip(room.min(initial=np.inf), 0.5 * wanted, wanted))
-
-    def arrows(self, az, el, x, y, scale, style, names, keys=None):
-        """Residual vectors: toward growing azimuth and elevation, `scale` drawing units an arcsec.
-
-        Parameters
-        ----------
-        az, el : ndarray, shape (n,)
-            Radians.
-        x, y : ndarray, shape (n,)
-            On the sky, arcsec.
-        names, keys : sequence of str
-            As of `Panel.points`.
-        """
-        px, py, dx, dy = self._vectors(az, el, x, y)
-        dx, dy = dx * scale, dy * scale
-        cap = np.minimum(1.0, 0.6 * self.radius / np.maximum(np.hypot(dx, dy), 1e-12))
-        cap = np.minimum(cap, self._room(px, py, dx, dy))
-        self.shortened += int((cap < 1.0 - 1e-9).sum())
-        ends = np.array((px + cap * dx, py + cap * dy))
-        self.beyond = np.maximum(self.beyond, np.concatenate((
-            -ends.min(axis=1, initial=0.0), ends.max(axis=1, initial=self.size) - self.size)))
-        self.parts.append(f'<g class="{style}" data-arrows="{scale:.6g} {0.6 * self.radius:g}">')
-        for i, (a, b, u, v) in enumerate(zip(px, py, dx * cap, dy * cap)):
-            key = '' if keys is None else f' data-i="{keys[i]}"'
-            title = '' if names is None else f'<title>{clean(names[i])}</title>'
-            self.parts.append(f'<g{key}>{title}<circle cx="{_n(a)}" cy="{_n(b)}" r="1.7"/>'
-                              f'<path d="{_arrow(a, b, u, v)}"/></g>')
-        self.parts.append('</g>')
-
-    def marks(self, az, el, style, texts):
-        """Numbered places."""
-        for i, (a, b) in enumerate(zip(*self.place(az, el))):
-            self.parts.append(
-                f'<g class="{style}"><title>{clean(texts[i])}</title><circle cx="{_n(a)}" '
-                f'cy="{_n(b)}" r="9"/><text text-anchor="middle" x="{_n(a)}" y="{_n(b)}" '
-                f'dy=".35em">{i + 1}</text></g>')
-
-
-def _arrow(x, y, dx, dy):
-    length = float(np.hypot(dx, dy))
-    d = f'M{_n(x)} {_n(y)}l{_n(dx)} {_n(dy)}'
-    if length > 3.0:
-        head = min(5.0, 0.45 * length)
-        ux, uy = dx / length, dy / length
-        for side in (1.0, -1.0):
-            hx, hy = -ux + 0.5 * side * uy, -uy - 0.5 * side * ux
-            d += f'M{_n(x + dx)} {_n(y + dy)}l{_n(head * hx)} {_n(head * hy)}'
-    return d

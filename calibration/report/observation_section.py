@@ -20,8 +20,9 @@ from pointing_model.effects.base import SIDES
 from pointing_model.mount_kinds import KINDS, USUAL
 
 from . import page_parts as page
-from .drawing import SkyMap, svg
+from .drawing import svg
 from .number_wording import number
+from .sky_map import SkyMap
 
 #: pairs of causes whose observations are listed
 _PAIRS = 2

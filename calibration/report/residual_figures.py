@@ -19,8 +19,9 @@ import numpy as np
 from pointing_model.effects.base import arcsec
 
 from . import page_parts as page
-from .drawing import Panel, SkyMap, limit_of, padded, svg, text, thinned, ticks
+from .drawing import Panel, limit_of, padded, svg, text, thinned, ticks
 from .number_wording import group_name, number
+from .sky_map import SkyMap
 from .star_table import WHENS, stars_table
 from .target_plot import target
 

@@ -23,7 +23,7 @@ import numpy as np
 from pointing_model.mounts import ALTAZ, is_beyond
 from pointing_model.rms import rms
 
-from .sky_grid import grid_of
+from .sky_map import grid_of
 
 
 @dataclass

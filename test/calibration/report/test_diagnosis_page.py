@@ -35,13 +35,14 @@ from calibration.report.diagnosis_view import (
     driver_of,
     view_of,
 )
-from calibration.report.drawing import Panel, SkyMap, limit_of, ticks
+from calibration.report.drawing import Panel, limit_of, ticks
 from calibration.report.effect_wording import effect_summaries
 from calibration.report.figure_wording import best_pair
 from calibration.report.observation_section import next_observations
 from calibration.report.observation_wording import proposal_groups
 from calibration.report.page_html import drawn
-from calibration.report.residuals import Residuals, grid_of
+from calibration.report.residuals import Residuals
+from calibration.report.sky_map import SkyMap, grid_of
 from calibration.report.verdict_wording import Statement, verdict_sentences
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
