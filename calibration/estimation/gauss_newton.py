@@ -18,25 +18,19 @@ Each round takes the exact residuals and the columns where the coefficients are,
 (Huber's weights to find the noise of each axis, the loss of the radial distance at that noise)
 and solves. It ends where the exact residuals are those that the last solution told.
 
-What the rows do not determine is held at zero (`Undetermined`), and so is what they determine so
-badly that the noise takes it beyond the range in which anything is linear: there the iteration runs
-along a curved valley, and a standard error means nothing.
+What the rows do not determine is held at zero (`undetermined.Undetermined`), and so is what they
+determine so badly that the noise takes it beyond the range in which anything is linear (`is_bent`):
+there the iteration runs along a curved valley, and a standard error means nothing.
 """
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .estimate import SHARE, Estimate, Undetermined
+from .estimate import Estimate
 from .few_rows import are_few, kept_rows
-from .least_squares import (
-    TOLERANCE,
-    System,
-    spectrum_of,
-    uncertainty_of,
-    weighted_solve,
-    weights_together,
-)
+from .least_squares import TOLERANCE, System, spectrum_of, uncertainty_of, weights_together
+from .undetermined import INNER, WEAK, Undetermined, is_bent
 
 #: between the exact residuals of the result and those of its linearisation
 EXACT = 1e-7 * ARCSEC
@@ -44,20 +38,9 @@ EXACT = 1e-7 * ARCSEC
 _MOST = 30
 #: of the noise: a linearisation that is wrong by more gives no noise to weigh by
 _WRONG = 1e-3
-#: of the noise of all residuals, what one standard error along the worst direction bends them by,
-#: in ways that no coefficient follows (Bates and Watts 1980, J. R. Stat. Soc. B 42, 1: half the
-#: intrinsic curvature); and of the largest singular value, that of a direction which may be so
-_BENT, _WEAK = 0.3, 0.01
-#: rad: a standard error of a coefficient along it from where bends that the others follow matter
-#: too: 2 of 1000 runs within 0.001 degrees of a circle had terms 5 to 7 sigmas off; and where it is
-#: of none but coefficients that another direction leaves open anyway
-_WIDE, _WIDE_OPEN = 0.0175, 0.0044
 #: chance that noise of the given sigmas makes an axis scatter more, or less (of 1000 runs with
 #: right sigmas 5 are found wrong; of 8 rows 8); and part of the sigmas that is far less
 _BY_CHANCE, _FAR_LESS = 0.002, 1.0 / 1.5
-#: of rcond, within the directions kept: their design changes with the weights, and what was chosen
-#: once must not drop out for that
-_INNER = 0.01
 
 
 class LinearProblem:
@@ -161,11 +144,11 @@ def _determined(problem, sigmas, mild, known, loss, rcond, last, most_iterations
                          'all of them; fit other terms')
     rank = spectrum.rank(rcond)
     while True:
-        weak = rank > 1 and spectrum.s[k - rank] < _WEAK * spectrum.s[-1]
+        weak = rank > 1 and spectrum.s[k - rank] < WEAK * spectrum.s[-1]
         try:
             found = _iterate(problem, weights, loss, rcond, spectrum, rank, last, most_iterations,
                              known)
-            if not weak or problem.linear or not _is_bent(problem, found, spectrum, by, rank):
+            if not weak or problem.linear or not is_bent(problem, found, spectrum, by, rank):
                 return found
         except ValueError:
             if not weak:
@@ -203,7 +186,7 @@ def _iterate(problem, weights, loss, rcond, spectrum, rank, last, most, known):
         wrong = float(np.abs(residual - expected).max()) if same else np.inf
         if settled and wrong < EXACT:
             break
-        system, settled = System(design, residual, present, _INNER * rcond), True
+        system, settled = System(design, residual, present, INNER * rcond), True
         if loss and few:
             if iteration <= 3:  # then it is settled, or the iteration need not end
                 keep = kept_rows(np.asarray(design), residual, present,
@@ -245,37 +228,3 @@ def _iterate(problem, weights, loss, rcond, spectrum, rank, last, most, known):
                     feasible.astype(float) if row_weights is None else row_weights, solution.rank,
                     row_weights is not None, left_open, spectrum.s[::-1], design=design,
                     scatter_freedom=of_result.scatter_freedom)
-
-
-def _is_bent(problem, found, spectrum, by, rank):
-    """Whether noise alone moves the coefficients to where the columns are others.
-
-    One standard error to either side along the direction that is determined worst, from where
-    nothing of it is in the coefficients: what has gone along it has other columns, and may have
-    come to where these seem to tell more. What the columns follow of the bend is taken off.
-
-    Parameters
-    ----------
-    problem, by
-        As of `gauss_newton`; weights of that spectrum.
-    found : Estimate
-        With this direction.
-    spectrum : Spectrum
-    rank : int
-    """
-    way, noise = spectrum.vectors[:, -rank], 1.0
-    if by is None:
-        squares = np.nansum(np.tile(found.weights, 2) * np.square(found.residual))
-        noise = float(squares / max(2.0 * found.weights.sum() - rank, 1.0)) ** 0.5
-    step = noise / spectrum.s[-rank] * way / spectrum.scale
-    open_anyway = np.isin(np.flatnonzero(np.abs(way) > SHARE), found.undetermined.terms).all()
-    if np.abs(step).max() > (_WIDE_OPEN if open_anyway else _WIDE):
-        return True
-    root = 1.0 if by is None else np.sqrt(by)
-    p = found.coefficients - way @ (found.coefficients * spectrum.scale) * way / spectrum.scale
-    at = [problem.residual(p + side * step) for side in (1.0, -1.0, 0.0)]
-    columns = np.nan_to_num(problem.columns()) * root
-    bend = np.nan_to_num(0.5 * (at[0] + at[1]) - at[2]) * root
-    bend -= weighted_solve(columns, bend, None, _INNER * spectrum.s[-rank]
-                           / spectrum.s[-1]).p @ columns
-    return not float(np.dot(bend, bend)) ** 0.5 < _BENT * max(noise, TOLERANCE)
