@@ -15,7 +15,7 @@
 """Reads the absolute encoders of both axes from the images of their CCDs, simulated or real.
 
 The effort of a reading is its quality: 0 exact, 1 corrected, 2 rejected; a rejected one is NaN.
-Velocities are differenced from two readings that follow each other within a second.
+Velocities are differences of readings within a second (`velocities.LONGEST_GAP`).
 """
 
 from dataclasses import fields

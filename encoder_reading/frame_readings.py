@@ -18,8 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msg_tools.units import wrap
-
 EXACT, CORRECTED, REJECTED = 0, 1, 2
 #: names of the qualities
 QUALITIES = ('exact', 'corrected', 'rejected')
@@ -44,45 +42,6 @@ class FrameReadings:
     angle: np.ndarray
     quality: np.ndarray
     sigma: np.ndarray
-
-
-class Differenced:
-    """Rates from a reader's own readings: the last two over the time between them.
-
-    An image gives no rate. Of readings with a standard error sigma, `dt` apart, the rate has
-    sqrt(2) sigma / dt.
-    """
-
-    #: s between two readings from which on they tell no rate: the axis may have been elsewhere
-    LONGEST = 1.0
-
-    def __init__(self):
-        self._last = None
-
-    def forget(self):
-        """What follows has nothing to do with what was read before."""
-        self._last = None
-
-    def __call__(self, stamp, angle):
-        """Rates with the reading of `stamp`.
-
-        Parameters
-        ----------
-        stamp : int
-            ns.
-        angle : array_like, shape (n,)
-            Of each axis, rad; NaN where rejected.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            rad/s; NaN without two good readings in a row.
-        """
-        before, self._last = self._last, (stamp, np.asarray(angle, dtype=float))
-        passed = np.nan if before is None else (stamp - before[0]) * 1e-9
-        if not 0.0 < passed <= self.LONGEST:
-            return np.full(len(self._last[1]), np.nan)
-        return wrap(self._last[1] - before[1]) / passed
 
 
 def checked_frames(frames, pixels):

@@ -22,7 +22,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from msg_tools import convert, topics
 
 from .axis_reader import read_frames
-from .frame_readings import QUALITIES, REJECTED, Differenced
+from .frame_readings import QUALITIES, REJECTED
+from .velocities import Velocities
 
 _BOTH = np.arange(2)
 #: mono8 and the name that OpenCV has for it
@@ -111,10 +112,10 @@ class AngleOutput:
         self._angles = node.publisher(topics.ABSOLUTE)
         self._poses = node.publisher(topics.ABSOLUTE_POSE)
         self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality
-        self._rates, self._power_on = Differenced(), None
+        self._velocities, self._power_on = Velocities(), None
 
     def read(self, stamps, frames, power_ons):
-        """Read frames and publish the angles, with the rates of `frame_readings.Differenced`.
+        """Read frames and publish the angles, with their `Velocities`.
 
         Parameters
         ----------
@@ -123,17 +124,17 @@ class AngleOutput:
         frames : sequence of ndarray, shape (heads, n, pixels)
             Of each axis.
         power_ons : sequence of PowerOn or None
-            Of each reading; rates begin anew with another one.
+            Of each reading; velocities begin anew with another one.
         """
         readings = read_frames(self._axes, frames)
         np.add.at(self._counts, (_BOTH, readings.quality), 1)
         for stamp, angle, quality, power_on in zip(
                 stamps, readings.angle.tolist(), readings.quality.tolist(), power_ons):
             if power_on != self._power_on:
-                self._rates.forget()
+                self._velocities.forget()
                 self._power_on = power_on
             self._angles.publish(convert.joint_state(
-                stamp, angle, self._rates(stamp, angle), quality, names=self._names))
+                stamp, angle, self._velocities(stamp, angle), quality, names=self._names))
         if self._poses.get_subscription_count() > 0:
             for stamp, angle, (first, second) in zip(
                     stamps, readings.angle.tolist(), np.square(readings.sigma).tolist()):
