@@ -24,6 +24,7 @@ from pointing_model.mount_kinds import USUAL, kind_of
 from .cause_wording import open_causes, short_cause, still_open
 from .error_table import ErrorLine
 from .figure_wording import STAYS, best_pair, way_size
+from .implausible_wording import implausible_caution
 from .noise_wording import axes_sentence, cause_words, is_headline, scatter_sentence
 from .observation_wording import place_words, proposals
 from .period_wording import PHASE
@@ -123,10 +124,7 @@ def effect_line(row, name, reach=None, stability=''):
 
 def _cautions(document):
     """One short sentence for each thing that bears on all."""
-    out = [f'{row["name"]} is {row["value_arcsec"]:+.1f} ± {row["sigma_arcsec"]:.1f}″, '
-           f'{"of the wrong sign" if row["what"] == "sign" else "too large"} for a mount: check '
-           'refraction, columns and signs.'.replace('-', '−')
-           for row in document.get('unphysical') or ()]
+    out = list(map(implausible_caution, document.get('unphysical') or ()))
     noise = document.get('wander') or {}
     if noise.get('slow') and not slow_is_largest(document) and document['verdict'] != 'wanders':
         size = noise.get('removes_rms_arcsec')

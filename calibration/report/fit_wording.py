@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for a fit: values that no mount has, what its rows leave open, whose the errors are."""
+"""Words for a fit: what its rows leave open, whose the errors are, how a new model compares."""
 
 from datetime import datetime, timezone
 
@@ -20,74 +20,11 @@ from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
 from pointing_model.mounts import OF_MOUNT, ON_SKY
 
+from .implausible_wording import implausible_term
 from .row_wording import far_text
 
 #: in the place of a standard error
 UNDETERMINED = 'undetermined'
-#: BIC, from where the rows prefer one to the other
-_CLEAR = 6.0
-
-
-def implausible_term(row):
-    """An entry of `implausible_terms` (of a document: ``unphysical``) in words."""
-    name, value = row['name'], _signed(row['value_arcsec'])
-    figure = f'{value} ± {row["sigma_arcsec"]:.1f}″'
-    if row.get('alone_arcsec') is not None:
-        figure += f'; {_signed(row["alone_arcsec"])}″ before the effects were added'
-    if row.get('beside_effects_arcsec') is not None:
-        figure += (f' before the effects were added; {_signed(row["beside_effects_arcsec"])}″ '
-                   'beside them, which take up the same curve')
-    if row['what'] == 'sign' and row.get('sound_with'):
-        return _with_others(row, figure)
-    if row['what'] == 'sign':
-        return (f'{name}, tube flexure, is negative ({figure}). Weight cannot lift a tube. '
-                f'{_of_air(row.get("refraction"), bool(row.get("altaz")))}')
-    if name == 'TX':
-        return (f'{name}, error of the refraction, is {figure} of cot E; all of it is 40 to 60″. '
-                'Most likely it was ' + ('left out of the star places' if row['value_arcsec'] > 0
-                   else 'put into the star places twice') + f'. {_DESK}?')
-    return (f'{name} is {figure}, more than a degree: mounts are not built so. Check first, at the '
-            'desk, what the columns of the file mean, and where their zeros are.')
-
-
-def _with_others(row, figure):
-    """Of a bending of the tube that is negative with the cause that fits best, not with others."""
-    values = '; '.join(f'{_signed(one["value_arcsec"])} ± {one["sigma_arcsec"]:.1f}″ with '
-                       f'{one["cause"]}' for one in row['sound_with'])
-    return (f'{row["name"]}, tube flexure, is negative with the cause that fits best ({figure}). '
-            f'With others that fit as well it is not ({values}). Weight cannot lift a tube, which '
-            f'favours these; or check the refraction. {_DESK}?')
-
-
-_DESK = ('Check first, at the desk: have star places and readings both the refraction, once, or '
-         'both not')
-_OTHERS = 'a mirror that tilts in its cell, {}or mount and catalogue exchanged in the file'
-#: of an alt-azimuth mount: its cosine is the same curve
-_DISC = 'an elevation encoder whose disc is off centre, '
-
-
-def _of_air(fitted, altaz):
-    """What a refraction that is wrong would do in place of a negative TF, and what else does it."""
-    others = _OTHERS.format(_DISC * altaz)
-    if fitted is None:
-        return ('Usual reason: the refraction is in the star places twice or too much (TX or TX3 '
-                f'fits better then). Others: {others}. {_DESK}?')
-    gain = fitted['delta_bic']
-    size = f'{_signed(fitted["value_arcsec"])}″ of cot E; the whole refraction has 40 to 60″'
-    if gain >= _CLEAR:
-        return ('Most likely the refraction is in the star places twice or too much: in the place '
-                f'of TF it fits these rows better ({size}). {_DESK}?')
-    if gain > -_CLEAR:
-        return (f'Refraction applied twice or too much explains it as well ({size}). So does '
-                f'{others}. {_DESK}? That is the cheapest check.')
-    return (f'Refraction applied twice or too much explains a part: in place of TF it fits worse '
-            f'({size}). Beside it TF is {_signed(fitted["beside_arcsec"])}″. Other reasons: '
-            f'{others}. {_DESK}, and which column is the mount? Then check the '
-            f'{"disc and the " * altaz}mirror cell.')
-
-
-def _signed(value):
-    return f'{value:+.1f}'.replace('-', '−')
 
 
 def _are(names):

@@ -22,7 +22,7 @@ from pointing_model.mount_kinds import kind_of
 from .cause_wording import counted, first_check, open_causes
 from .diagnosis_wording import limit_words
 from .figure_wording import STAYS, best_pair, beyond, figures_sentence, repeat_sentence, way
-from .fit_wording import implausible_term
+from .implausible_wording import implausible_term
 from .noise_wording import (
     axes_sentence,
     axes_words,
