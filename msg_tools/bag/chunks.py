@@ -28,6 +28,7 @@ from mcap.opcode import Opcode
 from .compression import COMPRESSORS, DEFAULT_COMPRESSION
 
 MAGIC = b'\x89MCAP0\r\n'
+CHUNK_SIZE = 2**20  # bytes before compression
 NEVER = 2**63 - 1  # what rosbag2 writes as the starting time of an empty bag
 
 _MESSAGE = struct.Struct('<BQHIQQ').pack
@@ -70,7 +71,7 @@ class McapFile:
     After an OSError the file ends with the last whole record again.
     """
 
-    def __init__(self, path, library, *, chunk_size=2**20, compression=DEFAULT_COMPRESSION):
+    def __init__(self, path, library, *, chunk_size=CHUNK_SIZE, compression=DEFAULT_COMPRESSION):
         self._stream = open(path, 'xb', buffering=0)  # noqa: SIM115 (lives as long as the file)
         self._compress = COMPRESSORS[compression]
         self._compression = '' if compression == 'none' else compression

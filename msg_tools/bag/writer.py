@@ -26,7 +26,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from .. import version_of
-from .chunks import NEVER, McapFile
+from .chunks import CHUNK_SIZE, NEVER, McapFile
 from .compression import COMPRESSORS, DEFAULT_COMPRESSION
 from .metadata import information, sync_folder, write_metadata
 from .ros_schema import dump_yaml, message_definition, qos_dict, split_type, type_hash
@@ -100,7 +100,7 @@ class BagWriter:
     before.
     """
 
-    def __init__(self, folder, *, metadata=None, chunk_size=2**20, chunk_seconds=0.5,
+    def __init__(self, folder, *, metadata=None, chunk_size=CHUNK_SIZE, chunk_seconds=0.5,
                  compression=DEFAULT_COMPRESSION, max_bytes=0, max_seconds=0.0):
         self.folder = Path(folder)
         if compression not in COMPRESSORS:
