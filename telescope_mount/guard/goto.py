@@ -27,7 +27,7 @@ from msg_tools.units import DEG
 
 from ..observing.axis_demand import Track
 from .axis_track import resting
-from .course import Course
+from .sent_course import Course
 from .supervisor import Supervisor
 from .watchdog import off_way
 

@@ -19,7 +19,7 @@ events need it. In pieces: what the axes shall do within the next moments, slew 
 then rest; renewed as long as request and readings are alive, so that a mount that hears nothing
 more stops by itself.
 
-Request, readings and what was sent (`course`) decide together at each step.
+Request, readings and what was sent (`sent_course`) decide together at each step.
 """
 
 import math
@@ -29,10 +29,10 @@ from msg_tools.units import DEG
 
 from .axis_readings import AxisReadings
 from .axis_track import ended, resting
-from .course import Course, moves_onto, stop_track
 from .detour import around, lead
 from .limits import SLEW_SHARE
 from .motion import AxisState
+from .sent_course import Course, moves_onto, stop_track
 from .sky_limits import SkyCircles
 from .track_check import Allowed, Refused, TrackCheck
 from .watchdog import ERROR, OK, WARN, off_course, silence, why_stop

@@ -24,7 +24,7 @@ from msg_tools.units import DEG
 
 from .axis_track import BENT, Cubic, resting
 from .motion import FAST, AxisState, Slew
-from .surroundings import Surroundings
+from .sky_clearance import SkyClearance
 
 _TURN = 2.0 * np.pi
 #: longest track, s
@@ -80,11 +80,11 @@ class TrackCheck:
     Attributes
     ----------
     limits : limits.Limits
-    sky : surroundings.Surroundings
+    sky : sky_clearance.SkyClearance
     """
 
     def __init__(self, limits):
-        self.limits, self.sky = limits, Surroundings(limits)
+        self.limits, self.sky = limits, SkyClearance(limits)
         self._words = limits.mount.names.axes
         self._slow = tuple(axis.acceleration * (limits.timing or 1.0) for axis in limits.axes)
 

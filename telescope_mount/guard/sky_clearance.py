@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Horizon and limits in the sky: how near a mount comes to them at pairs of angles."""
+"""How near a mount comes to the horizon and limits in the sky, and why it is refused there."""
 
 import math
 
@@ -30,8 +30,8 @@ _TURN = 2.0 * np.pi
 MOST_BOXES = 20000
 
 
-class Surroundings:
-    """What is about a mount.
+class SkyClearance:
+    """How near a mount comes to the horizon and to limits in the sky, and why it may not.
 
     Parameters
     ----------

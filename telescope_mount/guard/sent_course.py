@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The course of the axes: what a mount was sent, or will be, and where it leads at a time."""
+"""The course that a mount was sent, and where it leads the axes at a time; checks nothing."""
 
 from typing import NamedTuple
 
