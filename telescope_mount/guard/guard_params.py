@@ -18,11 +18,17 @@ from dataclasses import replace
 
 from msg_tools.node import Param
 from msg_tools.node_lifecycle import AUTOSTART
+from msg_tools.units import DEG
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 from pointing_model.sky.skyline import parse_horizon
 
-from .limits import parse_pair
+from .guard_settings import GuardSettings
+from .limits import Limits, parse_pair
 from .sky_limits import SKY_LIMITS
+
+# their defaults stand there
+_SENT, _KEPT = GuardSettings(), Limits()
+_FIRST, _SECOND = _KEPT.axes
 
 
 def _travel(name, which):
@@ -37,37 +43,36 @@ PARAMS = (
     *(replace(param, fixed=True) for param in SKY_PARAMS[:3]),
     _travel('first_travel_deg', 'first'),
     _travel('second_travel_deg', 'second'),
-    Param('first_rate_deg_s', 4.0, 'largest speed of the first axis [deg/s]', 1e-3, 360.0,
-          fixed=True),
-    Param('second_rate_deg_s', 4.0, 'largest speed of the second axis [deg/s]', 1e-3, 360.0,
-          fixed=True),
-    Param('first_acceleration_deg_s2', 2.0, 'its largest acceleration [deg/s^2]', 1e-3, 3600.0,
-          fixed=True),
-    Param('second_acceleration_deg_s2', 2.0, 'its largest acceleration [deg/s^2]', 1e-3, 3600.0,
-          fixed=True),
-    Param('least_elevation_deg', 10.0, 'the tube never points lower [deg]', -90.0, 90.0,
-          fixed=True),
+    Param('first_rate_deg_s', _FIRST.rate / DEG, 'largest speed of the first axis [deg/s]', 1e-3,
+          360.0, fixed=True),
+    Param('second_rate_deg_s', _SECOND.rate / DEG, 'largest speed of the second axis [deg/s]', 1e-3,
+          360.0, fixed=True),
+    Param('first_acceleration_deg_s2', _FIRST.acceleration / DEG,
+          'its largest acceleration [deg/s^2]', 1e-3, 3600.0, fixed=True),
+    Param('second_acceleration_deg_s2', _SECOND.acceleration / DEG,
+          'its largest acceleration [deg/s^2]', 1e-3, 3600.0, fixed=True),
+    Param('least_elevation_deg', _KEPT.horizon.least / DEG, 'the tube never points lower [deg]',
+          -90.0, 90.0, fixed=True),
     Param('horizon', '', 'corners of the skyline, azimuth and elevation: 0 12, 45 20.5, 180 8; or '
           'a file with one on each line [deg]', check=parse_horizon, fixed=True),
     *(Param(limit.parameter, limit.distance_deg, f'least distance from {limit.name}, on the way '
             'too; 0: it is no matter [deg]', 0.0, 90.0, fixed=True) for limit in SKY_LIMITS),
-    Param('slew_timing', 0.5, 'least share of speed and acceleration in slews, and most in '
-          'tracks; 0: in any order, and all of it',
-          0.0, 1.0, fixed=True),
-    Param('turn_known', True, 'the first axis reads the turn that it is on; else only what is '
-          'safe on any turn is allowed', fixed=True),
+    Param('slew_timing', _KEPT.timing, 'least share of speed and acceleration in slews, and most '
+          'in tracks; 0: in any order, and all of it', 0.0, 1.0, fixed=True),
+    Param('turn_known', _SENT.turn_known, 'the first axis reads the turn that it is on; else only '
+          'what is safe on any turn is allowed', fixed=True),
     Param('renew_s', 0.5, 'between commands, each of which ends at rest; 0: the whole track at '
           'once, for a simulated mount whose time waits for events [s]', 0.0, 5.0, fixed=True),
-    Param('ahead_s', 1.5, 'a command reaches so far beyond now, by the time of the graph [s]', 0.2,
-          3600.0, fixed=True),
+    Param('ahead_s', _SENT.ahead, 'a command reaches so far beyond now, by the time of the graph '
+          '[s]', 0.2, 3600.0, fixed=True),
     Param('goto', False, 'the driver gets places, and slews to them as it likes: commands hold '
           'the track alone, and any way in between must be free', fixed=True),
-    Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
-          fixed=True),
-    Param('request_timeout_s', 0.45, 'a request that is not renewed for so long is over [s]', 0.05,
-          60.0, fixed=True),
-    Param('behind_deg', 2.0, 'an axis so far from where it was sent is stopped [deg]', 0.01, 180.0,
-          fixed=True),
+    Param('silence_s', _SENT.silence, 'without a reading for so long the mount is stopped [s]',
+          0.05, 60.0, fixed=True),
+    Param('request_timeout_s', _SENT.commander, 'a request that is not renewed for so long is over '
+          '[s]', 0.05, 60.0, fixed=True),
+    Param('behind_deg', _SENT.behind / DEG, 'an axis so far from where it was sent is stopped '
+          '[deg]', 0.01, 180.0, fixed=True),
     Param('park_deg', '', 'angles of both axes at which the mount is parked: 180,80 [deg]',
           check=lambda text: parse_pair(text, 'the angles of both axes in degrees'), fixed=True),
 )
