@@ -23,8 +23,8 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import sidereal_time
+from telescope_mount.bridges.axes_and_places import axes_at
 from telescope_mount.bridges.indi.client import PATIENCE, IndiError
-from telescope_mount.bridges.indi.pointing import axes_at
 
 #: s in which a slew is over
 SLOWEST = 90.0

@@ -26,7 +26,7 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.sky.places import sidereal_time
-from telescope_mount.bridges.indi.pointing import axes_at, place_of_date
+from telescope_mount.bridges.axes_and_places import axes_at, place_of_date
 
 #: how the axes slew, both at once, rad/s
 SPEED = 6.0 * DEG

@@ -24,8 +24,8 @@ import threading
 from xml.etree.ElementTree import ParseError, XMLPullParser
 
 from msg_tools.units import DEG
+from telescope_mount.bridges.axes_and_places import HOUR
 from telescope_mount.bridges.indi.indi_telescope import TWO_AXES
-from telescope_mount.bridges.indi.pointing import HOUR
 
 DEVICE = 'Two-Axis Simulator'
 #: s between two readings

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bridge to mounts of an ASCOM Alpaca server, on the same base as that to INDI."""
+"""Bridge to mounts of an ASCOM Alpaca server."""
 
 #: of a server, by custom
 PORT = 11111

@@ -18,10 +18,10 @@ import threading
 
 import numpy as np
 
-from ..indi.dead_man import ALPACA, DeadMan
-from ..indi.goto_mount import RETRY, GotoMount
-from ..indi.indi_telescope import Tick
-from ..indi.pointing import axes_at
+from ..axes_and_places import axes_at
+from ..dead_man import ALPACA, DeadMan
+from ..driver_tick import Tick
+from ..goto_mount import RETRY, GotoMount
 from .alpaca_telescope import AlpacaError, AlpacaTelescope
 
 

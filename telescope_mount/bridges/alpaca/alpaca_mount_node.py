@@ -19,7 +19,7 @@ from msg_tools.node_lifecycle import AUTOSTART
 from msg_tools.units import ARCSEC
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
 
-from ..indi.indi_mount_node import TOLERANCE, IndiMount
+from ..mount_bridge import TOLERANCE, MountBridge
 from .alpaca_driver import AlpacaDriver
 from .alpaca_sources import SERVER_PARAMS
 
@@ -30,8 +30,8 @@ PARAMS = (
 )
 
 
-class AlpacaMount(IndiMount):
-    """As `IndiMount`, of another protocol."""
+class AlpacaMount(MountBridge):
+    """`MountBridge` to an Alpaca server."""
 
     def __init__(self, **kwargs):
         super().__init__('alpaca_mount', PARAMS, 'mount of an Alpaca server', **kwargs)

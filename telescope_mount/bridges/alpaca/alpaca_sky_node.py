@@ -20,14 +20,14 @@ What a driver of a real mount reports is what it believes, and no camera: that n
 from msg_tools.node_lifecycle import AUTOSTART
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 
-from ..indi.indi_sky_node import FIELD_PARAMS, IndiSky
+from ..sky_bridge import FIELD_PARAMS, SkyBridge
 from .alpaca_sources import SERVER_PARAMS, AlpacaStars
 
 PARAMS = AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT, *FIELD_PARAMS
 
 
-class AlpacaSky(IndiSky):
-    """As `IndiSky`, of another protocol."""
+class AlpacaSky(SkyBridge):
+    """`SkyBridge` to an Alpaca server."""
 
     def __init__(self, **kwargs):
         super().__init__('alpaca_sky', PARAMS, 'what an Alpaca mount sees', **kwargs)

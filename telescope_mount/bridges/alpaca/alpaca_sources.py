@@ -16,19 +16,19 @@
 
 from msg_tools.node import Param
 
-from ..indi.indi_sources import Source
+from ..sky_source import SkySource
 from . import PORT
 from .alpaca_telescope import AlpacaTelescope
 
 
-class AlpacaStars(Source):
+class AlpacaStars(SkySource):
     """A simulator that tells where it truly looks, when it is asked.
 
     Parameters
     ----------
     host, port, number
         As of `alpaca_telescope.AlpacaTelescope`.
-    field : telescope_mount.bridges.indi.star_field.StarField
+    field : star_field.StarField
     rate : float
         Exposures a second.
     """

@@ -25,8 +25,8 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-from ..indi.goto_mount import BridgeError
-from ..indi.pointing import HOUR
+from ..axes_and_places import HOUR
+from ..goto_mount import BridgeError
 
 #: AlignmentMode -> `pointing_model.mounts.KINDS`
 KINDS = {0: 'altaz', 1: 'equatorial', 2: 'german'}

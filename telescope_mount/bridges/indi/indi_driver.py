@@ -17,9 +17,9 @@
 import contextlib
 import time
 
+from ..dead_man import DeadMan
+from ..goto_mount import RETRY, GotoMount
 from .client import IndiClient, IndiError
-from .dead_man import DeadMan
-from .goto_mount import RETRY, GotoMount
 from .indi_telescope import IndiTelescope, Ticks, check_kind, find_device
 
 #: s in which a driver that was just connected, or told its site, gives its axes anew; one whose

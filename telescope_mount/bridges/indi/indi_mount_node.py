@@ -14,24 +14,15 @@
 
 """A mount of an INDI server in the graph: its axes as joint states, `command` as goto and track."""
 
-from contextlib import suppress
-
-import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
-
-from msg_tools import convert, topics
 from msg_tools.node import Param
-from msg_tools.node_lifecycle import AUTOSTART, WorkerNode
+from msg_tools.node_lifecycle import AUTOSTART
 from msg_tools.units import ARCSEC
-from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
+from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
 
-from .goto_mount import BridgeError
+from ..mount_bridge import TOLERANCE, MountBridge
 from .indi_driver import MountDriver
 from .indi_sources import SERVER_PARAMS
-from .pointing import check_kind
 
-TOLERANCE = Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
-                  '[arcsec]', 0.1, 3600.0, fixed=True)
 PARAMS = (
     AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT, TOLERANCE,
     Param('set_site', True, 'set the site of the driver, and its time',
@@ -39,72 +30,17 @@ PARAMS = (
     Param('period_ms', 100, 'time between two readings, where the driver can be set; 0: its own '
           '[ms]', 0, 10000, fixed=True),
 )
-#: s in which home waits for a mount that is being made ready
-WAIT = 5.0
 
 
-class IndiMount(WorkerNode):
-    """Owns the connection; what is computed is in `driver`."""
+class IndiMount(MountBridge):
+    """`MountBridge` to an INDI server."""
 
-    def __init__(self, name='indi_mount', params=PARAMS, hardware_id='mount of an INDI server',
-                 **kwargs):
-        super().__init__(name, params, hardware_id=hardware_id, **kwargs)
-        mount = mount_of(self)
-        check_kind(mount)  # a kind that cannot be driven is refused at once
-        self._names = mount.names.keys
-        self.worker = self._driver = self.make_driver(mount)
-        self._before = None
-        self._pub = self.publisher(topics.INCREMENTAL)
-        self.subscribe(topics.COMMAND, self._on_command)
-        self.serve('home', self._home)
-        self.every(0.02, self._tick)
+    def __init__(self, **kwargs):
+        super().__init__('indi_mount', PARAMS, 'mount of an INDI server', **kwargs)
 
     def make_driver(self, mount):
-        """That of the parameters, a `goto_mount.GotoMount`."""
+        """That of the parameters."""
         value = self.value
         return MountDriver(
             value('host'), value('port'), mount, sky_of(self)[0], value('device'), value('axes'),
             value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms'))
-
-    def deactivated(self):
-        """Stop the mount."""
-        with suppress(BridgeError):  # it is not connected: whatever it does, nothing was requested
-            self._driver.abort()
-
-    def _on_command(self, message):
-        self._driver.command(*self.read_command(message, self._names))
-
-    def _home(self):
-        if not self.active:
-            return False, self.inactive
-        try:
-            self._driver.wait_ready(WAIT)
-            self._driver.unpark()
-        except BridgeError as err:
-            return False, str(err)
-        return True, ('the zero is that of the driver, which is left as it is; the mount is ready')
-
-    def _tick(self):
-        for stamp, angles in self._driver.readings():
-            self._pub.publish(convert.joint_state(
-                stamp, angles, self._rate(stamp, angles), names=self._names))
-        try:
-            self._driver.step()
-        except BridgeError as err:
-            self.reject(topics.COMMAND.name, str(err))
-        self.log_change(self._driver.state()[0], 'the mount is ready')
-
-    def _rate(self, stamp, angles):
-        before, self._before = self._before, (stamp, angles)
-        if before is None or not 0 < stamp - before[0] < 1e9:
-            return np.full(2, np.nan)
-        return (angles - before[1]) / ((stamp - before[0]) * 1e-9)
-
-    def problems(self):
-        """No connection, no encoders, the other side of the pier."""
-        text, lost = self._driver.state()
-        return [(DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN, text)] if text else []
-
-    def details(self):
-        """Device, side, what the driver's own model takes."""
-        return [*super().details(), *self._driver.details()]

@@ -15,8 +15,6 @@
 """Where `indi_sky` gets the sky that is seen from: a simulator, or a camera's plate solves."""
 
 import tempfile
-import threading
-from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -24,79 +22,15 @@ import numpy as np
 from msg_tools.node import Param
 from pointing_model.mounts import is_beyond
 
+from ..sky_source import SkySource
 from . import PORT
 from .client import IndiClient, IndiError
-from .goto_mount import BridgeError
 from .indi_camera import IndiCamera
 from .indi_telescope import IndiTelescope, Ticks, find_device, knows_where_it_looks
 
-#: s between two tries to find what is looked through
-RETRY = 3.0
 
-
-class Source:
-    """Finds what it needs, in its own thread.
-
-    Parameters
-    ----------
-    field : StarField
-    where : str
-        Host and port, for people.
-
-    Attributes
-    ----------
-    on : bool
-        Whether exposures are wanted; a camera is left alone where not.
-    exposures : deque of (int, ndarray)
-        Stamp (ns) and miss distance (rad; NaN: no star) of each exposure.
-    why : str
-        What is missing; '' while all is well.
-    note : str
-        What is odd, though exposures come.
-    """
-
-    def __init__(self, field, where):
-        self.field, self.where, self.exposures, self.on = field, where, deque(maxlen=100), True
-        self.why, self.note = f'connecting to {where}', ''
-        self._wake, self._closed = threading.Event(), False
-
-    def start(self):
-        """Begin; returns at once."""
-        threading.Thread(target=self._find, daemon=True).start()
-
-    def close(self):
-        """End it."""
-        self._closed = True
-        self._wake.set()
-
-    def switch(self, on):
-        """Begin with exposures, or end with them."""
-        self.on = on
-        self.exposures.clear()
-        self._wake.set()
-
-    def take_axes(self, second):
-        """Angle of the second axis, rad, for who does not hear it itself."""
-
-    def lose(self):
-        """The connection is lost."""
-
-    def work(self):
-        """Find what is needed, and with a camera: expose; BridgeError where that fails."""
-        raise NotImplementedError
-
-    def _find(self):
-        while not self._closed:
-            try:
-                self.work()
-            except (BridgeError, ValueError, OSError) as err:
-                self.why = str(err)
-            self._wake.wait(RETRY)
-            self._wake.clear()
-
-
-class IndiSource(Source):
-    """As `Source`, with a connection to an INDI server.
+class IndiSource(SkySource):
+    """As `SkySource`, with a connection to an INDI server.
 
     Parameters
     ----------

@@ -20,14 +20,14 @@ is to be measured.
 
 import threading
 import time
-from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
+from ..axes_and_places import HOUR
+from ..driver_tick import Tick
 from .client import PATIENCE, IndiError, Vector
-from .pointing import HOUR
 
 PLACE, TRUE_PLACE, AXES = 'EQUATORIAL_EOD_COORD', 'EQUATORIAL_PE', 'MOUNT_AXES'
 #: of an alt-azimuth mount, where it reports that it looks, degrees
@@ -46,28 +46,6 @@ KINDS = {'ALTAZ': 'altaz', 'EQ_FORK': 'equatorial', 'EQ_GEM': 'german'}
 TICK = 30_000_000
 #: s that a driver has to tell the rest of its properties, once it tells where it looks
 SETTLING = 2.0
-
-
-class Tick(NamedTuple):
-    """What the driver sent at one moment.
-
-    Attributes
-    ----------
-    stamp : int
-        ns since 1970, as it came.
-    axes : ndarray, shape (2,)
-        As the driver counts them, rad.
-    place : ndarray, shape (2,), or None
-        Right ascension and declination of date at which it looks, rad; None where it did not
-        come with the axes: a driver sends it as it changes.
-    tracking : bool
-        Whether the driver says that it has arrived.
-    """
-
-    stamp: int
-    axes: np.ndarray
-    place: np.ndarray | None
-    tracking: bool
 
 
 def find_device(client, wanted='', timeout=PATIENCE):

@@ -33,9 +33,9 @@ from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.alpaca.alpaca_driver import AlpacaDriver
 from telescope_mount.bridges.alpaca.alpaca_sources import AlpacaStars
 from telescope_mount.bridges.alpaca.alpaca_telescope import AlpacaError, AlpacaTelescope
-from telescope_mount.bridges.indi.dead_man import ALPACA, DeadMan
-from telescope_mount.bridges.indi.goto_mount import NO_AXES
-from telescope_mount.bridges.indi.pointing import axes_at
+from telescope_mount.bridges.axes_and_places import axes_at
+from telescope_mount.bridges.dead_man import ALPACA, DeadMan
+from telescope_mount.bridges.goto_mount import NO_AXES
 
 pytest.importorskip('alpaca', reason='alpyca is not installed (extra alpaca)')
 FORK = Mount.equatorial(DEFAULT_SITE.latitude)

@@ -29,15 +29,15 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.site import DEFAULT_SITE
+from telescope_mount.bridges.axes_and_places import axes_at
+from telescope_mount.bridges.goto_mount import NO_AXES
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
-from telescope_mount.bridges.indi.goto_mount import NO_AXES
 from telescope_mount.bridges.indi.indi_telescope import (
     SIMULATOR,
     IndiTelescope,
     check_kind,
     find_device,
 )
-from telescope_mount.bridges.indi.pointing import axes_at
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 
@@ -84,7 +84,7 @@ def test_its_errors_are_found_as_terms():
 
 
 def _place(az, el, now):
-    from telescope_mount.bridges.indi.pointing import place_of_date
+    from telescope_mount.bridges.axes_and_places import place_of_date
     return place_of_date(ALTAZ, (az, el), now, DEFAULT_SITE)
 
 

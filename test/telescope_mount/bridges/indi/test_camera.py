@@ -38,7 +38,7 @@ from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.bridges.indi.indi_camera import CCD
 from telescope_mount.bridges.indi.indi_sources import SolvedSky
-from telescope_mount.bridges.indi.star_field import StarField
+from telescope_mount.bridges.star_field import StarField
 
 if find_spec('astropy') is None:
     pytest.skip('needs astropy (./install.sh ros,test,images)', allow_module_level=True)

@@ -25,9 +25,9 @@ from msg_tools.units import DEG
 from pointing_model.mounts import Mount
 from pointing_model.sky.places import sidereal_time
 from pointing_model.sky.site import DEFAULT_SITE
-from telescope_mount.bridges.indi import goto_mount
+from telescope_mount.bridges import goto_mount
+from telescope_mount.bridges.goto_mount import NO_AXES
 from telescope_mount.bridges.indi.client import IndiError
-from telescope_mount.bridges.indi.goto_mount import NO_AXES
 from telescope_mount.bridges.indi.indi_driver import MountDriver
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')

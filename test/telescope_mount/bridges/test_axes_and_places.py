@@ -25,7 +25,7 @@ from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, is_beyond, through_pole
 from pointing_model.sky.places import sidereal_time
 from pointing_model.sky.site import Site
-from telescope_mount.bridges.indi.pointing import AxisFollower, axes_at, place_of_date
+from telescope_mount.bridges.axes_and_places import AxisFollower, axes_at, place_of_date
 
 SITE = Site()
 GERMAN = Mount.equatorial(SITE.latitude, 'german')

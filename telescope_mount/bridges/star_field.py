@@ -21,7 +21,7 @@ from pointing_model.mounts import ALTAZ, is_beyond
 from pointing_model.sky.places import icrs_to_observed, observed_place
 from pointing_model.sky.star_catalogue import load_catalogue
 
-from .pointing import axes_at
+from .axes_and_places import axes_at
 
 #: stars that are looked at closer, rad, and when they are chosen anew
 AROUND, MOVED = 4.0 * DEG, 1.0 * DEG

@@ -14,7 +14,7 @@
 
 """A mount whose driver is sent places, as the graph knows mounts: readings out, tracks in.
 
-What is the same whatever protocol the driver speaks; see `driver` for INDI.
+What is the same whatever protocol the driver speaks; see `indi_driver` and `alpaca_driver`.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond
 
-from .pointing import AxisFollower, axes_at, place_of_date
+from .axes_and_places import AxisFollower, axes_at, place_of_date
 
 #: axes that are not told: a sentence for people
 NO_AXES = ('the driver reports no axis angles: its position is taken for them, and what its '
@@ -191,7 +191,7 @@ class GotoMount:
     # --- readings -----------------------------------------------------------------------------
 
     def take(self, tick):
-        """A `indi_telescope.Tick`, in the thread of the connection."""
+        """A `driver_tick.Tick`, in the thread of the connection."""
         with self._lock:
             if tick.stamp > self._newest:
                 self._newest = tick.stamp

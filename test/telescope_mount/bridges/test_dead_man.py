@@ -21,8 +21,8 @@ import time
 import pytest
 from fake_server import FakeServer, switch
 
-from telescope_mount.bridges.indi import dead_man
-from telescope_mount.bridges.indi.dead_man import DeadMan
+from telescope_mount.bridges import dead_man
+from telescope_mount.bridges.dead_man import DeadMan
 
 
 def stopped(server):
