@@ -20,9 +20,9 @@ import numpy as np
 
 from pointing_model.sky.site import DEFAULT_SITE, SITE
 from telescope_mount.bridges.alpaca import PORT as ALPACA_PORT
-from telescope_mount.bridges.goto_mount import BridgeError
 from telescope_mount.bridges.indi import PORT as INDI_PORT
 from telescope_mount.bridges.indi import parse_address
+from telescope_mount.bridges.reconnection import BridgeError
 
 from .graph import server_graph
 

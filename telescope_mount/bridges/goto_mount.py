@@ -28,6 +28,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond
 
 from .axes_and_places import AxisFollower, axes_at, place_of_date
+from .reconnection import RETRY, BridgeError, Reconnection
 
 #: axes that are not told: a sentence for people
 NO_AXES = ('the driver reports no axis angles: its position is taken for them, and what its '
@@ -40,8 +41,6 @@ NO_RATES = ('the driver takes no rates of the axes: a satellite is not followed;
 TAKES_IT = 0.6
 #: s between two signs of life to the process that stops the mount if this one dies
 HEARTBEAT = 0.1
-#: another try to make the mount ready, s
-RETRY = 3.0
 #: a track that begins farther from the last is another part of the driver's model, rad
 FAR = 10.0 * DEG
 #: what goes over the sky faster than this is no star, rad/s; it is led by rates of the axes, where
@@ -55,10 +54,6 @@ STOP = 0.25
 #: taken up a track since, and in which it stands for sure; longest time that is waited for that at
 #: the end
 STOP_AGAIN, AT_ONCE, AT_REST, LONGEST = 0.2, 0.03, 1.5, 4.0
-
-
-class BridgeError(RuntimeError):
-    """The server or the driver did not do what it was asked; the text is one line."""
 
 
 class GotoMount:
@@ -83,7 +78,7 @@ class GotoMount:
     """
 
     def __init__(self, where, mount, site, tolerance=1.5e-5, retry=RETRY):
-        self.where, self.mount, self.site, self._retry = where, mount, site, retry
+        self.where, self.mount, self.site = where, mount, site
         self.telescope = None
         self.ready, self.why = False, f'connecting to {where}'
         self.stopper, self._signalled = None, 0.0
@@ -94,9 +89,8 @@ class GotoMount:
         self._turned = 0.0  # when rates were sent last, s; 0: since then it was sent to a place
         self._stopping, self._stopped, self._stop_sent = False, 0.0, 0
         self._readings = deque(maxlen=10_000)
-        self._lock, self._wake, self._closed = threading.Lock(), threading.Event(), False
-        self._is_ready = threading.Event()
-        self._worker = threading.Thread(target=self._keep_ready, daemon=True)
+        self._lock, self._is_ready = threading.Lock(), threading.Event()
+        self._reconnection = Reconnection(self._make_ready, self._not_ready, retry)
 
     def open(self):
         """Begin to connect; returns at once."""
@@ -113,7 +107,7 @@ class GotoMount:
     def start(self):
         """Begin; returns at once."""
         self.open()
-        self._worker.start()
+        self._reconnection.start()
 
     def close(self, patience=LONGEST):
         """Leave a mount that stands: nobody would renew what it tracks.
@@ -123,8 +117,7 @@ class GotoMount:
         patience : float
             So long, s, it is waited for that a mount that moved stands.
         """
-        self._closed = True
-        self._wake.set()
+        self._reconnection.close()
         telescope = self.telescope
         if self.ready and telescope is not None and not telescope.parked:
             moves = self._stopping or telescope.slewing or telescope.tracks
@@ -152,25 +145,23 @@ class GotoMount:
 
     def wake(self):
         """Look at once whether the mount can be made ready."""
-        self._wake.set()
+        self._reconnection.wake()
 
     def wait_ready(self, seconds):
         """Wait until it is, or so long (s)."""
         self._is_ready.wait(0.0 if self.ready else seconds)
 
-    def _keep_ready(self):
-        while not self._closed:
-            if not self.ready:
-                try:
-                    self.telescope = self.find()
-                    # what was found moving, and stopped
-                    self._stopping, self._stopped = True, time.monotonic()
-                    self.ready, self.why = True, ''
-                    self._is_ready.set()
-                except (BridgeError, ValueError, OSError) as err:
-                    self.why = str(err)
-            self._wake.wait(self._retry)
-            self._wake.clear()
+    def _make_ready(self):
+        if self.ready:
+            return
+        self.telescope = self.find()
+        # what was found moving, and stopped
+        self._stopping, self._stopped = True, time.monotonic()
+        self.ready, self.why = True, ''
+        self._is_ready.set()
+
+    def _not_ready(self, why):
+        self.why = why
 
     def check(self, telescope, may_move):
         """BridgeError where it is of another kind; whether it stands elsewhere than it should.
@@ -298,7 +289,7 @@ class GotoMount:
         except BridgeError as err:
             self.ready, self.why, self._sent = False, str(err), 0.0
             self._is_ready.clear()
-            self._wake.set()
+            self.wake()
             raise
 
     def _signal_stopper(self):

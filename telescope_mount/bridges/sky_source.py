@@ -14,13 +14,9 @@
 
 """Where a node gets the sky that is seen from, whatever protocol its server speaks."""
 
-import threading
 from collections import deque
 
-from .goto_mount import BridgeError
-
-#: s between two tries to find what is looked through
-RETRY = 3.0
+from .reconnection import Reconnection
 
 
 class SkySource:
@@ -47,22 +43,21 @@ class SkySource:
     def __init__(self, field, where):
         self.field, self.where, self.exposures, self.on = field, where, deque(maxlen=100), True
         self.why, self.note = f'connecting to {where}', ''
-        self._wake, self._closed = threading.Event(), False
+        self._reconnection = Reconnection(self.work, self._failed)
 
     def start(self):
         """Begin; returns at once."""
-        threading.Thread(target=self._find, daemon=True).start()
+        self._reconnection.start()
 
     def close(self):
         """End it."""
-        self._closed = True
-        self._wake.set()
+        self._reconnection.close()
 
     def switch(self, on):
         """Begin with exposures, or end with them."""
         self.on = on
         self.exposures.clear()
-        self._wake.set()
+        self._reconnection.wake()
 
     def take_axes(self, second):
         """Angle of the second axis, rad, for who does not hear it itself."""
@@ -74,11 +69,5 @@ class SkySource:
         """Find what is needed, and with a camera: expose; BridgeError where that fails."""
         raise NotImplementedError
 
-    def _find(self):
-        while not self._closed:
-            try:
-                self.work()
-            except (BridgeError, ValueError, OSError) as err:
-                self.why = str(err)
-            self._wake.wait(RETRY)
-            self._wake.clear()
+    def _failed(self, why):
+        self.why = why

@@ -21,7 +21,8 @@ import numpy as np
 from ..axes_and_places import axes_at
 from ..dead_man import ALPACA, DeadMan
 from ..driver_tick import Tick
-from ..goto_mount import RETRY, GotoMount
+from ..goto_mount import GotoMount
+from ..reconnection import RETRY
 from .alpaca_telescope import AlpacaError, AlpacaTelescope
 
 

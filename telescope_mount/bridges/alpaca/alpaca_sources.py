@@ -42,11 +42,10 @@ class AlpacaStars(SkySource):
         telescope = AlpacaTelescope(*self._server)
         telescope.knows_where_it_looks()
         self.why = ''
-        while self.on and not self._closed:
+        while self.on and not self._reconnection.closed:
             stamp, (*place, second) = telescope.true_place()
             self.exposures.append((stamp, self.field.miss(stamp, place, second)))
-            self._wake.wait(1.0 / self._rate)
-            self._wake.clear()
+            self._reconnection.pause(1.0 / self._rate)
 
 
 SERVER_PARAMS = (

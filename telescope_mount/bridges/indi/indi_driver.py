@@ -18,7 +18,8 @@ import contextlib
 import time
 
 from ..dead_man import DeadMan
-from ..goto_mount import RETRY, GotoMount
+from ..goto_mount import GotoMount
+from ..reconnection import RETRY
 from .client import IndiClient, IndiError
 from .indi_telescope import IndiTelescope, Ticks, check_kind, find_device
 

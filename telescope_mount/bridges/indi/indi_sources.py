@@ -58,7 +58,7 @@ class IndiSource(SkySource):
         if not up:
             self.lose()
             self.why = f'the connection to {self.where} is lost'
-        self._wake.set()
+        self._reconnection.wake()
 
 
 class TrueSky(IndiSource):
@@ -138,7 +138,7 @@ class SolvedSky(IndiSource):
         from pointing_model.runs.plate_solves.solvers import NotSolved
         self.camera.connect()
         self.why = ''
-        while self.on and not self._closed:
+        while self.on and not self._reconnection.closed:
             image = self.camera.expose(self._exposure)
             self.why, self.note = '', image.note
             if self._second is None:

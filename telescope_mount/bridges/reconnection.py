@@ -1,0 +1,73 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Tries again and again what a server is needed for, in a thread of its own."""
+
+import threading
+
+#: s between two tries
+RETRY = 3.0
+
+
+class BridgeError(RuntimeError):
+    """The server or the driver did not do what it was asked; the text is one line."""
+
+
+class Reconnection:
+    """Calls one function `retry` seconds after it has ended, or at once when it is woken.
+
+    Parameters
+    ----------
+    attempt : callable
+        Its BridgeError, ValueError or OSError is why it failed.
+    failed : callable
+        ``failed(sentence)``, after each of these.
+    retry : float
+        s.
+
+    Attributes
+    ----------
+    closed : bool
+        Nothing more is tried.
+    """
+
+    def __init__(self, attempt, failed, retry=RETRY):
+        self._attempt, self._failed, self._retry = attempt, failed, retry
+        self._wake, self.closed = threading.Event(), False
+
+    def start(self):
+        """Begin; returns at once."""
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def close(self):
+        """End it, after the try under way."""
+        self.closed = True
+        self.wake()
+
+    def wake(self):
+        """Try at once."""
+        self._wake.set()
+
+    def pause(self, seconds):
+        """Wait so long, or until it is woken."""
+        self._wake.wait(seconds)
+        self._wake.clear()
+
+    def _run(self):
+        while not self.closed:
+            try:
+                self._attempt()
+            except (BridgeError, ValueError, OSError) as err:
+                self._failed(str(err))
+            self.pause(self._retry)
