@@ -19,14 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pointing_model.sky.site import DEFAULT_SITE, SITE
-from telescope_mount.bridges.alpaca import PORT as ALPACA_PORT
-from telescope_mount.bridges.indi import PORT as INDI_PORT
-from telescope_mount.bridges.indi import parse_address
 from telescope_mount.bridges.reconnection import BridgeError
+from telescope_mount.bridges.server_address import PORTS, parse_address
 
 from .graph import server_graph
 
-PORTS = {'indi': INDI_PORT, 'alpaca': ALPACA_PORT}
 #: how the simulators slew, for the guard: both axes at once, and at once at full speed
 SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_acceleration_deg_s2': 60.0,
              'second_acceleration_deg_s2': 60.0, 'slew_timing': 0.8}
@@ -81,7 +78,7 @@ def parse_camera(text):
     address, _, name = text.rpartition(':')
     if not name.strip() or address.count(':') not in (1, 2):
         raise ValueError(f'--camera {text!r}: write indi:HOST:PORT:NAME, for instance '
-                         f'indi:localhost:{INDI_PORT}:CCD Simulator')
+                         f'indi:localhost:{PORTS["indi"]}:CCD Simulator')
     host, port = parse_address(address)
     return {'host': host, 'port': port, 'camera': name}
 
@@ -109,7 +106,7 @@ def ask_server(text, sky=None, seen=False):
     """
     protocol, parts = text.partition(':')[0], text.split(':')
     kind = parts.pop() if len(parts) == 4 else ''
-    host, port = parse_address(':'.join(parts), protocol, PORTS[protocol])
+    host, port = parse_address(':'.join(parts), protocol)
     try:
         ask = _ask_indi if protocol == 'indi' else _ask_alpaca
         server, kind, site, simulated, device = ask(host, port, kind, seen)

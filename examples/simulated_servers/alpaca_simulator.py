@@ -28,9 +28,9 @@ from two_axes import TERMS, TwoAxes, draw_errors
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import parse_mount
 from pointing_model.sky.site import DEFAULT_SITE
-from telescope_mount.bridges.alpaca import PORT
 from telescope_mount.bridges.alpaca.alpaca_telescope import KINDS, TRUE_PLACE
 from telescope_mount.bridges.axes_and_places import HOUR
+from telescope_mount.bridges.server_address import PORTS
 
 
 class SimulatedTelescope(AlpacaServer):
@@ -92,7 +92,7 @@ def _serve(given):
 
 def main(args=None):
     """Run it; the exit code."""
-    return simulate(__doc__, 'alpaca', PORT, _serve, args)
+    return simulate(__doc__, 'alpaca', PORTS['alpaca'], _serve, args)
 
 
 if __name__ == '__main__':

@@ -13,6 +13,3 @@
 # limitations under the License.
 
 """Bridge to mounts of an ASCOM Alpaca server."""
-
-#: of a server, by custom
-PORT = 11111

@@ -16,8 +16,8 @@
 
 from msg_tools.node import Param
 
+from ..server_address import PORTS
 from ..sky_source import SkySource
-from . import PORT
 from .alpaca_telescope import AlpacaTelescope
 
 
@@ -50,6 +50,6 @@ class AlpacaStars(SkySource):
 
 SERVER_PARAMS = (
     Param('host', 'localhost', 'where the Alpaca server runs', fixed=True),
-    Param('port', PORT, 'its port', 1, 65535, fixed=True),
+    Param('port', PORTS['alpaca'], 'its port', 1, 65535, fixed=True),
     Param('number', 0, 'of the telescope on the server', 0, 255, fixed=True),
 )

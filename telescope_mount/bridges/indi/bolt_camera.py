@@ -26,18 +26,17 @@ from pointing_model.runs.plate_solves.solvers import NotSolved
 from pointing_model.sky.places import sidereal_time
 from pointing_model.sky.site import Site
 
+from ..server_address import PORTS
 from .client import IndiClient, IndiError
 from .indi_camera import IndiCamera
 from .indi_telescope import IndiTelescope, find_device
-
-PORT = 7624
 
 
 def server_of(text):
     """Host, port and camera of ``indi:HOST[:PORT[:CAMERA]]``; ValueError: it is none."""
     _, host, *rest = [*text.split(':', 3), ''][:4]
     try:
-        port = int(rest[0]) if rest and rest[0] else PORT
+        port = int(rest[0]) if rest and rest[0] else PORTS['indi']
     except ValueError:
         port = 0
     if not host or not 0 < port < 65536:

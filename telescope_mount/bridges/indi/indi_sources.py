@@ -22,8 +22,8 @@ import numpy as np
 from msg_tools.node import Param
 from pointing_model.mounts import is_beyond
 
+from ..server_address import PORTS
 from ..sky_source import SkySource
-from . import PORT
 from .client import IndiClient, IndiError
 from .indi_camera import IndiCamera
 from .indi_telescope import IndiTelescope, Ticks, find_device, knows_where_it_looks
@@ -164,7 +164,7 @@ class SolvedSky(IndiSource):
 
 SERVER_PARAMS = (
     Param('host', 'localhost', 'where the INDI server runs', fixed=True),
-    Param('port', PORT, 'its port', 1, 65535, fixed=True),
+    Param('port', PORTS['indi'], 'its port', 1, 65535, fixed=True),
     Param('device', '', 'name of the telescope there; empty: the only one', fixed=True),
     Param('axes', '', 'property of the driver with the axis angles and its two elements, in '
           'degrees, NAME:FIRST,SECOND; empty: MOUNT_AXES', fixed=True),

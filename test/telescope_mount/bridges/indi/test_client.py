@@ -21,7 +21,6 @@ from fake_server import DEVICE, TELESCOPE, FakeServer, number
 
 from msg_tools.units import DEG
 from pointing_model.sky.site import Site
-from telescope_mount.bridges.indi import parse_address
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
 from telescope_mount.bridges.indi.indi_telescope import TICK, IndiTelescope, Ticks, find_device
 
@@ -32,14 +31,6 @@ pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra
 def server():
     with FakeServer() as served:
         yield served
-
-
-def test_an_address_is_read_and_another_text_refused():
-    assert parse_address('indi:localhost:7624') == ('localhost', 7624)
-    assert parse_address('indi:dome') == ('dome', 7624)
-    for text in ('indi:', 'indi:host:port', 'german', 'indi:host:0'):
-        with pytest.raises(ValueError, match='is no INDI server; write indi:HOST'):
-            parse_address(text)
 
 
 def test_the_telescope_is_found_made_ready_and_never_synchronised(server):
