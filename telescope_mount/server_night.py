@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pointing_model.sky.site import DEFAULT_SITE, SITE
-from telescope_mount.bridges.reconnection import BridgeError
-from telescope_mount.bridges.server_address import PORTS, parse_address
+from telescope_mount.bridges.connection import PORTS, BridgeError, parse_address
 
 from .graph import server_graph
 

@@ -30,7 +30,7 @@ from pointing_model.mounts import parse_mount
 from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.alpaca.alpaca_telescope import KINDS, TRUE_PLACE
 from telescope_mount.bridges.axes_and_places import HOUR
-from telescope_mount.bridges.server_address import PORTS
+from telescope_mount.bridges.connection import PORTS
 
 
 class SimulatedTelescope(AlpacaServer):

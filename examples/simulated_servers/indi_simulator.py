@@ -31,9 +31,9 @@ from msg_tools.signals import on_end
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.site import DEFAULT_SITE
+from telescope_mount.bridges.connection import PORTS
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
 from telescope_mount.bridges.indi.indi_telescope import KIND, KINDS, IndiTelescope
-from telescope_mount.bridges.server_address import PORTS
 
 #: as `pointing_model` names them -> element of MOUNT_MODEL, and its sign there
 MODEL = {'IH': ('MM_IH', -1.0), 'ID': ('MM_ID', -1.0), 'CH': ('MM_CH', -1.0),

@@ -21,6 +21,7 @@ import contextlib
 import threading
 import time
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond
 
 from .axes_and_places import AxisFollower, axes_at, place_of_date
-from .reconnection import RETRY, BridgeError, Reconnection
+from .connection import RETRY, BridgeError, Reconnection
 
 #: axes that are not told: a sentence for people
 NO_AXES = ('the driver reports no axis angles: its position is taken for them, and what its '
@@ -54,6 +55,28 @@ STOP = 0.25
 #: taken up a track since, and in which it stands for sure; longest time that is waited for that at
 #: the end
 STOP_AGAIN, AT_ONCE, AT_REST, LONGEST = 0.2, 0.03, 1.5, 4.0
+
+
+class Tick(NamedTuple):
+    """What the driver sent at one moment.
+
+    Attributes
+    ----------
+    stamp : int
+        ns since 1970, as it came.
+    axes : ndarray, shape (2,)
+        As the driver counts them, rad.
+    place : ndarray, shape (2,), or None
+        Right ascension and declination of date at which it looks, rad; None where it did not
+        come with the axes: a driver sends it as it changes.
+    tracking : bool
+        Whether the driver says that it has arrived.
+    """
+
+    stamp: int
+    axes: np.ndarray
+    place: np.ndarray | None
+    tracking: bool
 
 
 class GotoMount:
@@ -182,7 +205,7 @@ class GotoMount:
     # --- readings -----------------------------------------------------------------------------
 
     def take(self, tick):
-        """A `driver_tick.Tick`, in the thread of the connection."""
+        """A `Tick`, in the thread of the connection."""
         with self._lock:
             if tick.stamp > self._newest:
                 self._newest = tick.stamp

@@ -25,7 +25,7 @@ from msg_tools.node_lifecycle import WorkerNode
 from pointing_model.sky.sky_params import mount_of
 
 from .axes_and_places import check_kind
-from .reconnection import BridgeError
+from .connection import BridgeError
 
 TOLERANCE = Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
                   '[arcsec]', 0.1, 3600.0, fixed=True)

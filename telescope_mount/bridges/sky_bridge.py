@@ -60,7 +60,7 @@ class SkyBridge(WorkerNode):
         self.every(0.05, self._expose)
 
     def make_source(self, field):
-        """That of the parameters, a `sky_source.SkySource`."""
+        """That of the parameters, a `star_field.SkySource`."""
         raise NotImplementedError
 
     def activated(self):

@@ -12,7 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a camera on the tube would see of the catalogue, where it is known where the tube looks."""
+"""What a camera on the tube sees of the catalogue, and the source of its exposures."""
+
+from collections import deque
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from pointing_model.sky.places import icrs_to_observed, observed_place
 from pointing_model.sky.star_catalogue import load_catalogue
 
 from .axes_and_places import axes_at
+from .connection import Reconnection
 
 #: stars that are looked at closer, rad, and when they are chosen anew
 AROUND, MOVED = 4.0 * DEG, 1.0 * DEG
@@ -112,3 +115,57 @@ class StarField:
             self._near = self._all.select(np.flatnonzero(forward @ places > np.cos(AROUND)))
             self._about = forward
         return self._near
+
+
+class SkySource:
+    """Finds what it needs, in its own thread.
+
+    Parameters
+    ----------
+    field : StarField
+    where : str
+        Host and port, for people.
+
+    Attributes
+    ----------
+    on : bool
+        Whether exposures are wanted; a camera is left alone where not.
+    exposures : deque of (int, ndarray)
+        Stamp (ns) and miss distance (rad; NaN: no star) of each exposure.
+    why : str
+        What is missing; '' while all is well.
+    note : str
+        What is odd, though exposures come.
+    """
+
+    def __init__(self, field, where):
+        self.field, self.where, self.exposures, self.on = field, where, deque(maxlen=100), True
+        self.why, self.note = f'connecting to {where}', ''
+        self._reconnection = Reconnection(self.work, self._failed)
+
+    def start(self):
+        """Begin; returns at once."""
+        self._reconnection.start()
+
+    def close(self):
+        """End it."""
+        self._reconnection.close()
+
+    def switch(self, on):
+        """Begin with exposures, or end with them."""
+        self.on = on
+        self.exposures.clear()
+        self._reconnection.wake()
+
+    def take_axes(self, second):
+        """Angle of the second axis, rad, for who does not hear it itself."""
+
+    def lose(self):
+        """The connection is lost."""
+
+    def work(self):
+        """Find what is needed, and with a camera: expose; BridgeError where that fails."""
+        raise NotImplementedError
+
+    def _failed(self, why):
+        self.why = why

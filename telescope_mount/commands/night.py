@@ -68,7 +68,7 @@ def add(commands):
 
 def run(args):
     """Observe, print, write."""
-    from ..bridges.server_address import PORTS
+    from ..bridges.connection import PORTS
     from ..whole_night import run_night
     from .console import ProgressLine, end_of_night, new_console, print_calibration
     if options.is_list(args):

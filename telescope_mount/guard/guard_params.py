@@ -22,9 +22,9 @@ from msg_tools.units import DEG
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 from pointing_model.sky.skyline import parse_horizon
 
-from .guard_settings import GuardSettings
 from .limits import Limits, parse_pair
 from .sky_limits import SKY_LIMITS
+from .watchdog import GuardSettings
 
 # their defaults stand there
 _SENT, _KEPT = GuardSettings(), Limits()

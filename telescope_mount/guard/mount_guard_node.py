@@ -33,11 +33,10 @@ from ..observing.axis_demand import Track
 from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .goto import GotoSupervisor
 from .guard_params import PARAMS
-from .guard_settings import GuardSettings
 from .limits import Axis, Limits, parse_pair, travel_of
 from .sky_limits import SKY_LIMITS
 from .supervisor import LATE, STILL, Supervisor
-from .watchdog import ERROR, WARN
+from .watchdog import ERROR, WARN, GuardSettings
 
 #: steady seconds between looks at it all
 LOOK = 0.05

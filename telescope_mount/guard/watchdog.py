@@ -12,9 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Stops axes when nothing is read, nobody asks, or they do not go where they were sent."""
+"""Stops axes when nothing is read, nobody asks, or they do not go where they were sent.
+
+`GuardSettings` say after how long, and how far off.
+"""
 
 import math
+from typing import NamedTuple
 
 from msg_tools.units import DEG
 
@@ -23,6 +27,34 @@ OK, WARN, ERROR = 0, 1, 2
 PERIODS = 5.0
 #: an axis that moves may be behind by the way of so long, s
 LAG = 0.5
+
+
+class GuardSettings(NamedTuple):
+    """How a `supervisor.Supervisor` sends.
+
+    Attributes
+    ----------
+    whole : bool
+        The track that was checked at once; nothing is renewed, and silence is no matter.
+    ahead : float
+        From now to the last moving knot of a piece, s.
+    silence, commander : float
+        Seconds without a reading, and without a renewed request, after which the axes are stopped.
+    behind : float
+        Largest distance of an axis from where it was sent, rad.
+    turn_known : bool
+        The first axis reads the turn that it is on.
+    asleep : bool
+        Time waits for events: of a mount that is not asked to move nothing is read.
+    """
+
+    whole: bool = True
+    ahead: float = 1.5
+    silence: float = 0.5
+    commander: float = 0.45
+    behind: float = 2.0 * DEG
+    turn_known: bool = True
+    asleep: bool = False
 
 
 def why_stop(readings, least_silence, requested, astray):

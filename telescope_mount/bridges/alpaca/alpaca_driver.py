@@ -19,10 +19,9 @@ import threading
 import numpy as np
 
 from ..axes_and_places import axes_at
+from ..connection import RETRY
 from ..dead_man import ALPACA, DeadMan
-from ..driver_tick import Tick
-from ..goto_mount import GotoMount
-from ..reconnection import RETRY
+from ..goto_mount import GotoMount, Tick
 from .alpaca_telescope import AlpacaError, AlpacaTelescope
 
 

@@ -16,8 +16,8 @@
 
 from msg_tools.node import Param
 
-from ..server_address import PORTS
-from ..sky_source import SkySource
+from ..connection import PORTS
+from ..star_field import SkySource
 from .alpaca_telescope import AlpacaTelescope
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 
 from ..axes_and_places import HOUR
-from ..reconnection import BridgeError
+from ..connection import BridgeError
 
 #: AlignmentMode -> `pointing_model.mounts.KINDS`
 KINDS = {0: 'altaz', 1: 'equatorial', 2: 'german'}

@@ -26,7 +26,7 @@ from pointing_model.runs.plate_solves.solvers import NotSolved
 from pointing_model.sky.places import sidereal_time
 from pointing_model.sky.site import Site
 
-from ..server_address import PORTS
+from ..connection import PORTS
 from .client import IndiClient, IndiError
 from .indi_camera import IndiCamera
 from .indi_telescope import IndiTelescope, find_device

@@ -27,7 +27,7 @@ import threading
 import time
 from dataclasses import dataclass
 
-from ..reconnection import BridgeError
+from ..connection import BridgeError
 
 #: s without a word after which a server is asked, and as much again after which it is lost
 SILENCE = 2

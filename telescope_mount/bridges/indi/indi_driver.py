@@ -17,9 +17,9 @@
 import contextlib
 import time
 
+from ..connection import RETRY
 from ..dead_man import DeadMan
 from ..goto_mount import GotoMount
-from ..reconnection import RETRY
 from .client import IndiClient, IndiError
 from .indi_telescope import IndiTelescope, Ticks, check_kind, find_device
 

@@ -22,8 +22,8 @@ import numpy as np
 from msg_tools.node import Param
 from pointing_model.mounts import is_beyond
 
-from ..server_address import PORTS
-from ..sky_source import SkySource
+from ..connection import PORTS
+from ..star_field import SkySource
 from .client import IndiClient, IndiError
 from .indi_camera import IndiCamera
 from .indi_telescope import IndiTelescope, Ticks, find_device, knows_where_it_looks

@@ -26,7 +26,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 
 from ..axes_and_places import HOUR
-from ..driver_tick import Tick
+from ..goto_mount import Tick
 from .client import PATIENCE, IndiError, Vector
 
 PLACE, TRUE_PLACE, AXES = 'EQUATORIAL_EOD_COORD', 'EQUATORIAL_PE', 'MOUNT_AXES'

@@ -27,8 +27,8 @@ from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.goto import LONGEST, STOP, GotoSupervisor
-from telescope_mount.guard.guard_settings import GuardSettings
 from telescope_mount.guard.limits import Axis, Limits
+from telescope_mount.guard.watchdog import GuardSettings
 
 GERMAN = Mount.equatorial(34.3 * DEG, 'german')
 

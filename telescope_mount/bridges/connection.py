@@ -12,16 +12,47 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tries again and again what a server is needed for, in a thread of its own."""
+"""The connection to a server: its address, and trying again until it is there."""
 
 import threading
 
+#: of a server by protocol: as INDI has registered it, and Alpaca's by custom
+PORTS = {'indi': 7624, 'alpaca': 11111}
 #: s between two tries
 RETRY = 3.0
 
 
 class BridgeError(RuntimeError):
     """The server or the driver did not do what it was asked; the text is one line."""
+
+
+def parse_address(text, protocol='indi'):
+    """Host and port of ``indi:HOST[:PORT]``, or of another protocol.
+
+    Parameters
+    ----------
+    text : str
+    protocol : str
+        Of `PORTS`.
+
+    Returns
+    -------
+    host : str
+    port : int
+
+    Raises
+    ------
+    ValueError
+        It is no such address.
+    """
+    kind, _, rest = text.partition(':')
+    host, _, port = rest.partition(':')
+    port = port or str(PORTS[protocol])
+    if kind != protocol or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        name = {'indi': 'INDI', 'alpaca': 'Alpaca'}[protocol]
+        raise ValueError(f'{text!r} is no {name} server; write {protocol}:HOST or {protocol}:HOST:'
+                         f'PORT, for instance {protocol}:localhost:{PORTS[protocol]}')
+    return host, int(port)
 
 
 class Reconnection:

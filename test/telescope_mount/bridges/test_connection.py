@@ -18,7 +18,7 @@ import threading
 
 import pytest
 
-from telescope_mount.bridges.reconnection import BridgeError, Reconnection
+from telescope_mount.bridges.connection import BridgeError, Reconnection, parse_address
 
 
 @pytest.mark.parametrize('error', [BridgeError, ValueError, OSError])
@@ -46,3 +46,11 @@ def test_who_is_woken_does_not_wait_and_who_is_closed_tries_no_more():
     assert tries.acquire(timeout=10.0)
     reconnection.close()
     assert not tries.acquire(timeout=0.1)
+
+
+def test_an_address_is_read_and_another_text_refused():
+    assert parse_address('indi:localhost:7624') == ('localhost', 7624)
+    assert parse_address('indi:dome') == ('dome', 7624)
+    for text in ('indi:', 'indi:host:port', 'german', 'indi:host:0'):
+        with pytest.raises(ValueError, match='is no INDI server; write indi:HOST'):
+            parse_address(text)
