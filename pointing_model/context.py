@@ -25,7 +25,7 @@ from .mounts import ALTAZ, OF_MOUNT, is_beyond
 from .pointing_terms import Trig
 from .runs.columns.column_names import is_cause
 from .runs.run import COLUMNS, known_site
-from .sky.star_rates import are_star_rates, star_rates
+from .sky.places import are_star_rates, star_rates
 
 #: columns of a run that are no drivers of the user's own
 _KNOWN = set(COLUMNS) - {'pressure'} | {

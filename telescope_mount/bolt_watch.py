@@ -21,7 +21,7 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 from pointing_model.bolt_turns import AT_REST, LEAST_TURN, axis_after, axis_of_arc, expected
 from pointing_model.mounts import through_pole
-from pointing_model.sky.star_rates import SIDEREAL
+from pointing_model.sky.places import SIDEREAL
 
 #: of one image: the first axis did not turn, but for a track, by more than this
 _TURNED = 3.0 * DEG

@@ -20,7 +20,7 @@ from pointing_model.rms import radial_arcsec
 
 from .folds import cross_validate_quickly
 from .linear_model import LIVE
-from .significance import significance
+from .significance import significance, significances
 
 #: part of the RMS of rows left out that a change of an effect must take off: a place or a width
 #: that is not quite right looks like one
@@ -61,12 +61,6 @@ def eliminate(problem, choice, alpha, chance, partitions, alone=False):
     if not (alone or chance.of_part):
         choice.significances = significances(problem, choice, alpha, chance)
     return choice
-
-
-def significances(problem, choice, alpha, chance):
-    """`Significance` of each of a choice; parameters as of `eliminate`."""
-    return [significance(problem, choice, i, chance, alpha)
-            for i in range(len(choice.chosen))]
 
 
 def _weakest(problem, choice, alpha, chance, alone, failing):

@@ -70,6 +70,12 @@ class Significance:
     behind: dict = field(default_factory=dict)
 
 
+def significances(problem, choice, alpha, chance):
+    """`Significance` of each of a choice; parameters as of `significance`."""
+    return [significance(problem, choice, i, chance, alpha)
+            for i in range(len(choice.chosen))]
+
+
 def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
     """Test one of a choice with the others in the model, and find what could stand in its place.
 

@@ -24,8 +24,9 @@ from .observation_section import next_observations
 from .page_html import whole
 from .provenance import provenance_section
 from .refit_preview import preview
-from .residual_figures import controls, histograms, sky_maps, targets
+from .residual_figures import controls, histograms, sky_maps
 from .star_table import stars_table
+from .target_plot import targets
 from .terms_section import correlation_table, run_terms_table, terms_table
 
 

@@ -25,6 +25,10 @@ MAX_POINTS = 3000
 #: marks that are no dots, by class
 _MARKS = {'third': 'm-2.8 2.4h5.6l-2.8 -5z', 'fit': 'm-2.6 -2.6l5.2 5.2m0 -5.2l-5.2 5.2'}
 MAX_NAMED = 400  # up to here every point has its name as a tooltip
+#: rows up to which every plot has every row to point at, and up to which any has
+MAX_LINKED, MAX_POINTED = 1100, 1500
+#: after is drawn once more, larger, where it is smaller than before by so much
+MAGNIFIED = 4.0
 
 
 def clean(text):

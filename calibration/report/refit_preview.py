@@ -21,9 +21,9 @@ import numpy as np
 from calibration.estimation.robust import LOSS
 from msg_tools.units import ARCSEC
 
+from .drawing import MAX_POINTED
 from .page_parts import RefitData
 from .provenance import command_line
-from .residual_figures import MAX_POINTED
 
 #: steps of the largest number: those of a refit, and of what is only drawn
 _STEPS = {4: 2**31 - 1, 2: 2**15 - 1}

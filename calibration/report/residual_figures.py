@@ -19,17 +19,14 @@ import numpy as np
 from pointing_model.effects.base import arcsec
 
 from . import page_parts as page
-from .drawing import Panel, limit_of, padded, svg, text, thinned, ticks
+from .drawing import MAGNIFIED, MAX_LINKED, Panel, limit_of, padded, svg, text, thinned, ticks
 from .number_wording import group_name, number
 from .sky_map import SkyMap
 from .star_table import WHENS, stars_table
-from .target_plot import target
+from .target_plot import row_marks, targets
 
-#: arrows drawn on a map; rows up to which every plot has every row to point at, and up to which
-#: any has
-MAX_ARROWS, MAX_LINKED, MAX_POINTED = 400, 1100, 1500
-#: after is drawn once more, larger, where it is smaller than before by so much
-_MAGNIFIED = 4.0
+#: arrows drawn on a map
+MAX_ARROWS = 400
 
 
 def controls(data):
@@ -80,7 +77,7 @@ def sky_maps(data):
                 for when in WHENS)
     own = blank.scale_for(*places, *toward['after'], long / max(typical['after'], 1e-6))
     maps = [('before', scale, ''), ('after', scale, '')]
-    if own > _MAGNIFIED * scale:
+    if own > MAGNIFIED * scale:
         times = float(f'{own / scale:.1g}')
         maps.append(('after', times * scale, f', drawn {times:g} times as large'))
     skies = []
@@ -111,52 +108,6 @@ def sky_maps(data):
         f'Encoder − model; zenith at the centre, rim at {lowest:g}°.{some}', 'note')]
 
 
-def targets(data):
-    """All residuals as hits on a target, with the circle of the noise, before and after on one
-    scale; after once more, larger, if it is small.
-    """
-    if not data.used.any():
-        return None
-    noise = float(np.hypot(*data.noise)) if data.noise is not None else None
-    each = {when: max(limit_of(*data.of(when)[:, data.used]), 1.15 * (noise or 0.0))
-            for when in WHENS}
-    both = max(each.values())
-    drawn = [(when, both, '') for when in WHENS]
-    if both > _MAGNIFIED * each['after']:
-        drawn.append(('after', each['after'], ', drawn larger'))
-    out = []
-    for when, limit, more in drawn:
-        x, y = data.of(when)
-        out.append(target(data.axes, limit, x[data.used], y[data.used],
-                          data.text_of(when) + more, when, noise,
-                          lambda panel, x=x, y=y, when=when, linked=not more: _marks(
-                              panel, x, y, data, when, linked, (0, 1))))
-    return [page.FigurePair(out), marks_legend(data)]
-
-
-def _marks(panel, x, y, data, when, linked=True, axes=(None, None)):
-    """What counts as dots, the others as crosses; `axes`: which residuals are drawn."""
-    moves = f' data-when="{when}"{panel.moving(axes)}'
-    linked = linked and len(data) <= MAX_POINTED
-    rest = thinned(np.flatnonzero(data.known & ~data.used & np.isfinite(x)), MAX_LINKED)
-    rows = np.flatnonzero(data.used & np.isfinite(x))
-    panel.points(np.asarray(x)[rows], np.asarray(y)[rows], when,
-                 keys=[data.keys[i] for i in rows] if linked else None,
-                 moves=moves if linked else '')
-    if len(rest):
-        panel.crosses(np.asarray(x)[rest], np.asarray(y)[rest], when,
-                      [data.keys[i] for i in rest], moves)
-
-
-def marks_legend(data):
-    """What dots, squares and crosses are."""
-    left = bool((data.known & ~data.used).any())
-    return page.Legend((('before', f'{data.before_text} (dots)'),
-                        ('after', f'{data.after_text} (squares)'),
-                        *[('noise', data.noise_text)] * (data.noise is not None),
-                        *[('cross', 'not used in the fit')] * left))
-
-
 def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
     """Both components against something, one below the other."""
     used, values = data.used, data.of(when)
@@ -168,7 +119,7 @@ def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
         for at in gaps:
             panel.parts.append(f'<path class="gap" d="M{float(panel.x(at)):.1f} {panel.top}'
                                f'v{panel.height}"/>')
-        _marks(panel, x, values[axis], data, when, linked, (None, axis))
+        row_marks(panel, x, values[axis], data, when, linked, (None, axis))
         parts += panel.parts
     return page.Figure(svg(440, 324, parts, f'Residuals {data.text_of(when)} against {label}',
                            'link' if linked else ''), texts, when)
@@ -204,7 +155,7 @@ def histograms(data):
     if not data.used.any():
         return None
     out = []
-    magnify = limit_of(data.before[:, data.used]) > _MAGNIFIED * limit_of(data.after[:, data.used])
+    magnify = limit_of(data.before[:, data.used]) > MAGNIFIED * limit_of(data.after[:, data.used])
     for axis, title in enumerate(data.axes):
         before, after = (data.of(when)[axis][data.used] for when in WHENS)
         limit, small = limit_of(before, after), limit_of(after)

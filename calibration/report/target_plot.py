@@ -20,7 +20,8 @@ from pointing_model.effects.base import arcsec
 from pointing_model.rms import rms
 
 from . import page_parts as page
-from .drawing import Panel, svg
+from .drawing import MAGNIFIED, MAX_LINKED, MAX_POINTED, Panel, limit_of, svg, thinned
+from .star_table import WHENS
 
 #: within its radial RMS lies this much of noise that is alike in both axes
 _WITHIN = 1.0 - np.exp(-1.0)
@@ -71,3 +72,49 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
     # of what is linked a refit changes the RMS
     size = page.Size(size, when if draw and len(x) else '')
     return page.Figure(drawing, (what, size, rest), when)
+
+
+def targets(data):
+    """All residuals as hits on a target, with the circle of the noise, before and after on one
+    scale; after once more, larger, if it is small.
+    """
+    if not data.used.any():
+        return None
+    noise = float(np.hypot(*data.noise)) if data.noise is not None else None
+    each = {when: max(limit_of(*data.of(when)[:, data.used]), 1.15 * (noise or 0.0))
+            for when in WHENS}
+    both = max(each.values())
+    drawn = [(when, both, '') for when in WHENS]
+    if both > MAGNIFIED * each['after']:
+        drawn.append(('after', each['after'], ', drawn larger'))
+    out = []
+    for when, limit, more in drawn:
+        x, y = data.of(when)
+        out.append(target(data.axes, limit, x[data.used], y[data.used],
+                          data.text_of(when) + more, when, noise,
+                          lambda panel, x=x, y=y, when=when, linked=not more: row_marks(
+                              panel, x, y, data, when, linked, (0, 1))))
+    return [page.FigurePair(out), marks_legend(data)]
+
+
+def row_marks(panel, x, y, data, when, linked=True, axes=(None, None)):
+    """What counts as dots, the others as crosses; `axes`: which residuals are drawn."""
+    moves = f' data-when="{when}"{panel.moving(axes)}'
+    linked = linked and len(data) <= MAX_POINTED
+    rest = thinned(np.flatnonzero(data.known & ~data.used & np.isfinite(x)), MAX_LINKED)
+    rows = np.flatnonzero(data.used & np.isfinite(x))
+    panel.points(np.asarray(x)[rows], np.asarray(y)[rows], when,
+                 keys=[data.keys[i] for i in rows] if linked else None,
+                 moves=moves if linked else '')
+    if len(rest):
+        panel.crosses(np.asarray(x)[rest], np.asarray(y)[rest], when,
+                      [data.keys[i] for i in rest], moves)
+
+
+def marks_legend(data):
+    """What dots, squares and crosses are."""
+    left = bool((data.known & ~data.used).any())
+    return page.Legend((('before', f'{data.before_text} (dots)'),
+                        ('after', f'{data.after_text} (squares)'),
+                        *[('noise', data.noise_text)] * (data.noise is not None),
+                        *[('cross', 'not used in the fit')] * left))

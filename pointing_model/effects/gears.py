@@ -20,7 +20,7 @@ How many periods a turn has is searched (`calibration.estimation.periodogram`) o
 import numpy as np
 
 from pointing_model.mount_kinds import KINDS, USUAL
-from pointing_model.sky.star_rates import SIDEREAL
+from pointing_model.sky.places import SIDEREAL
 
 from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, on_axis
 from .graduation import BY_COLUMN, is_gear

@@ -28,12 +28,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.estimation.backward_elimination import eliminate, significances
+from calibration.estimation.backward_elimination import eliminate
 from calibration.estimation.candidates import TIE, CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.equal_causes import SET_WIDTH
 from calibration.estimation.linear_model import LIVE
 from calibration.estimation.select import affordable, choose, search
+from calibration.estimation.significance import significances
 
 from .effect_causes import cause_entry
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond, through_pole
-from pointing_model.sky.star_rates import SIDEREAL
+from pointing_model.sky.places import SIDEREAL
 
 ROWS = 600  # that are tried, evenly: more tell nothing else
 _SOME = 20 * ROWS  # that are looked at for numbers

@@ -28,7 +28,7 @@ from pointing_model.effects.gears import (
     driver_angle,
     strain_wave,
 )
-from pointing_model.sky.star_rates import SIDEREAL
+from pointing_model.sky.places import SIDEREAL
 
 from ..finding import Finding
 
