@@ -41,6 +41,8 @@ SENSES = {
 #: rows in a row with the same miss distance within so much are of a camera that measures nothing;
 #: a camera of 1" noise makes such a row in 3e-16 of the cases, one of 0.05" in 3e-8
 SAME_ROWS, SAME_WITHIN = 4, 0.005 * ARCSEC
+#: exposures in a row with the same miss distance, to the last bit, that no camera makes
+SAME_FRAMES = 6
 #: fewer rows are not tested, and so many at least are called wrong
 LEAST, FEWEST = 12, 2
 #: by so much a turned camera must explain the rows better, in squares of the noise, of which one

@@ -19,7 +19,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from ..analysis.season.season_analysis import date_of
+from ..analysis.season.season_nights import date_of
 from . import page_parts as page
 from .cause_wording import counted
 from .drawing import Panel, padded, svg, text

@@ -16,9 +16,9 @@
 
 import numpy as np
 
+from calibration.analysis.camera_faults import SAME_FRAMES
 from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG, wrap
-from telescope_mount.observing.instrument_health import SAME_FRAMES
 from telescope_mount.observing.instruments import STILL
 
 from .samples import NOTE, OK, WRONG, Remarks

@@ -21,6 +21,7 @@ was told to move has moved.
 
 import numpy as np
 
+from calibration.analysis.camera_faults import SAME_FRAMES
 from msg_tools.units import ARCSEC, DEG
 
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
@@ -36,8 +37,6 @@ BEYOND_FIELD = 0.1
 CLOCK_JUMP = 10**9
 #: messages without a fault after which one is over
 RECOVERED = 5
-#: exposures in a row with the same miss distance, to the last bit, that no camera makes
-SAME_FRAMES = 6
 #: an encoder that differs by more from its demand did not follow the command, rad
 OFF_TARGET = 60.0 * ARCSEC
 

@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.held_terms import BROAD, is_a_model
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget, load_catalogue
 from pointing_model.zero import BY_STARS, MARK
+from pointing_model.zero_held_terms import BROAD, is_a_model
 
 from .star_choice import ANYWHERE, axes_at
 from .zero_stars import Before, zero_sigma, zero_stars

@@ -27,11 +27,11 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.held_terms import Held, is_a_model, zero_columns
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import POLARIS_HIP
+from pointing_model.zero_held_terms import Held, is_a_model, zero_columns
 
 from .star_choice import ANYWHERE, axes_at, observable
 
@@ -177,7 +177,7 @@ def zero_sigma(az, el, *, model=None, mount=ALTAZ, held=True, before=None):
     az, el : ndarray, shape (n,)
         Catalogue place of each exposure by the axes of the mount, radians.
     model : PointingModel, optional
-        What is held: see `held_terms.Held`.
+        What is held: see `zero_held_terms.Held`.
     mount : Mount, optional
         Where no model gives it.
     held : bool
@@ -206,7 +206,7 @@ def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), s
         Exposures.
     model : PointingModel, optional
         What is held, with its covariance; without one each of the other terms within
-        `held_terms.BROAD`.
+        `zero_held_terms.BROAD`.
     mount : Mount, optional
         Where no model gives it.
     before : Before, optional

@@ -15,7 +15,6 @@
 """A season analysed: causes, random walks, the season by all its nights and a night to come."""
 
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
 
 import numpy as np
 
@@ -32,12 +31,10 @@ from .season_filter import (
     forecast,
     season_path,
 )
-from .season_nights import Nights, days, table_rows
+from .season_nights import Nights, date_of, days, table_rows, without_odd_nights
 
 #: stars with their own times of a night that gives how fast terms drift
 TELLING = 12
-#: nights from which on single ones may be left out, and times the scatter about their neighbours
-_FEWEST, _ODD = 8, 10.0
 _DAY = 86400.0
 _YEAR = 365.25
 
@@ -163,7 +160,7 @@ def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPH
     ValueError
         A night to come that is not after the last, a column that no night has.
     """
-    season, odd = _without_odd_nights(season)
+    season, odd = without_odd_nights(season)
     nights, k = season.nights, len(season.names)
     tonight = nights[-1].time + _DAY if tonight is None else tonight
     if tonight < nights[-1].time:
@@ -193,39 +190,6 @@ def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPH
                                 np.concatenate([np.zeros((k, 0)), *columns], axis=1))
     out = SeasonAnalysis(season, found, variation, path, tonight, mean, covariance, notes)
     return replace(out, covariance=covariance + _of_unknown(out, unknown))
-
-
-def _without_odd_nights(season):
-    """The season without single nights far from those about them, and a Finding of each.
-
-    A star misidentified, or a zero lost, is no walk: one such night hides every cause. The first
-    night and the last stay: what they differ by may be a step.
-    """
-    values = np.array([night.values for night in season.nights])
-    n = len(values)
-    if n < _FEWEST:
-        return season, []
-    error = np.sqrt(np.array([np.diag(night.covariance) for night in season.nights]))
-    about = np.array([np.median(np.delete(values[max(0, i - 2):i + 3], min(i, 2), axis=0), axis=0)
-                      for i in range(n)])
-    off = values - about
-    scatter = np.hypot(1.4826 * np.median(np.abs(off), axis=0), np.median(error, axis=0))
-    times = np.abs(off) / np.hypot(scatter, error)
-    # both sides of a step agree with one neighbour
-    beside = np.abs(np.diff(values, axis=0)) / np.hypot(scatter, error[1:])
-    alone = np.zeros_like(times)
-    alone[1:-1] = np.minimum(beside[:-1], beside[1:])
-    odd = np.flatnonzero((np.minimum(times, alone) > _ODD).any(axis=1))
-    if len(odd) > n // 10 + 1:
-        return season, []
-    found = []
-    for i in odd:
-        term = int(np.argmax(times[i]))
-        found.append(Finding('odd night', float(off[i, term] / ARCSEC), evidence={
-            'date': date_of(season.nights[i].time), 'source': season.nights[i].source,
-            'term': season.names[term], 'times': float(times[i, term])}))
-    return season._replace(nights=[night for i, night in enumerate(season.nights)
-                                   if i not in odd]), found
 
 
 def _of_unknown(analysis, unknown):
@@ -272,12 +236,6 @@ def _timed(run):
     return run.select(first[np.isfinite(time)])
 
 
-def date_of(time, other=None):
-    """A day in words; with the time of the day where `other` is of the same."""
-    day = datetime.fromtimestamp(time, timezone.utc)
-    if other is not None and datetime.fromtimestamp(other, timezone.utc).date() == day.date():
-        return day.strftime('%Y-%m-%d %H:%M')
-    return day.strftime('%Y-%m-%d')
 
 
 _KINDS = {'step': 'season step', 'declared': 'season declared', 'year': 'season year',

@@ -33,6 +33,8 @@ from ..term_fit import fit_terms
 NO_DATE = 'no date'
 #: a pause of so many hours in a run ends a night
 PAUSE_H = 6.0
+#: nights from which on single ones may be left out, and times the scatter about their neighbours
+_FEWEST, _ODD = 8, 10.0
 #: rows for each term that a night has at least
 ROWS_A_TERM = 2
 _STAMP = re.compile(r'(\d{4})-?(\d{2})-?(\d{2})(?:[T_\s](\d{2})[-:]?(\d{2})(?:[-:]?(\d{2}))?)?')
@@ -218,3 +220,44 @@ def table_rows(season):
                                                      / ARCSEC).tolist())),
              'causes': {name: mean for name, (mean, _) in night.causes.items()}}
             for night in season.nights]
+
+
+def without_odd_nights(season):
+    """The season without single nights far from those about them, and a Finding of each.
+
+    A star misidentified, or a zero lost, is no walk: one such night hides every cause. The first
+    night and the last stay: what they differ by may be a step.
+    """
+    values = np.array([night.values for night in season.nights])
+    n = len(values)
+    if n < _FEWEST:
+        return season, []
+    error = np.sqrt(np.array([np.diag(night.covariance) for night in season.nights]))
+    about = np.array([np.median(np.delete(values[max(0, i - 2):i + 3], min(i, 2), axis=0), axis=0)
+                      for i in range(n)])
+    off = values - about
+    scatter = np.hypot(1.4826 * np.median(np.abs(off), axis=0), np.median(error, axis=0))
+    times = np.abs(off) / np.hypot(scatter, error)
+    # both sides of a step agree with one neighbour
+    beside = np.abs(np.diff(values, axis=0)) / np.hypot(scatter, error[1:])
+    alone = np.zeros_like(times)
+    alone[1:-1] = np.minimum(beside[:-1], beside[1:])
+    odd = np.flatnonzero((np.minimum(times, alone) > _ODD).any(axis=1))
+    if len(odd) > n // 10 + 1:
+        return season, []
+    found = []
+    for i in odd:
+        term = int(np.argmax(times[i]))
+        found.append(Finding('odd night', float(off[i, term] / ARCSEC), evidence={
+            'date': date_of(season.nights[i].time), 'source': season.nights[i].source,
+            'term': season.names[term], 'times': float(times[i, term])}))
+    return season._replace(nights=[night for i, night in enumerate(season.nights)
+                                   if i not in odd]), found
+
+
+def date_of(time, other=None):
+    """A day in words; with the time of the day where `other` is of the same."""
+    day = datetime.fromtimestamp(time, timezone.utc)
+    if other is not None and datetime.fromtimestamp(other, timezone.utc).date() == day.date():
+        return day.strftime('%Y-%m-%d %H:%M')
+    return day.strftime('%Y-%m-%d')

@@ -27,11 +27,11 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
-from pointing_model.held_terms import BROAD
 from pointing_model.model_document import KEY, from_document, identity
 from pointing_model.rms import rms, sigma_of
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import PowerOnZero
+from pointing_model.zero_held_terms import BROAD
 
 from ...distrust import distrusted
 from ...rows import is_kept_out

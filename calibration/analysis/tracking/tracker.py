@@ -29,9 +29,9 @@ from dataclasses import replace
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.held_terms import BROAD
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import design
+from pointing_model.zero_held_terms import BROAD
 
 from ...estimation.gaussian_sum import GaussianSum
 from ..finding import Finding
@@ -65,7 +65,7 @@ class Tracker:
     ----------
     model : PointingModel
         With the covariance of its terms. Zeros that it does not have are added, unknown within
-        `held_terms.BROAD`. Harmonics and effects stay as they are.
+        `zero_held_terms.BROAD`. Harmonics and effects stay as they are.
     stamp : int
         When the model held, ns.
     sensors : sequence of str

@@ -27,10 +27,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.held_terms import is_a_model
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.zero import BY_POLARIS, PowerOnZero, is_for_zero, is_marked
+from pointing_model.zero_held_terms import is_a_model
 
 from ...rows import by_power_on, zero_exposures_by_power_on
 from ..term_fit import fit_terms

@@ -17,7 +17,7 @@
 An exposure reads the zeros of both axes and what every other term does at its place. The other
 terms are held at their model, with its covariance C: beside the noise N the exposures have the
 covariance N + D C D', which is the same as fitting the terms with the model as their prior. Without
-a model each term is within `held_terms.BROAD`: then the stars themselves show what they can of
+a model each term is within `zero_held_terms.BROAD`: then the stars themselves show what they can of
 the terms, and the zeros of all power-ons go with the same terms, so that these cancel in the
 change. Polaris alone stays at one place, where nothing can be separated: without a model its zero
 is the whole offset there.
@@ -29,11 +29,11 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
-from pointing_model.held_terms import Held, is_a_model, zero_columns
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import design
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import is_marked, way_of
+from pointing_model.zero_held_terms import Held, is_a_model, zero_columns
 
 from ...estimation.estimate import Estimate
 from ...estimation.least_squares import System

@@ -17,11 +17,10 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.camera_faults import frozen_rows
+from calibration.analysis.camera_faults import SAME_FRAMES, frozen_rows
 from msg_tools.units import ARCSEC
 from telescope_mount.observing.instrument_health import (
     RECOVERED,
-    SAME_FRAMES,
     InstrumentHealth,
 )
 

@@ -1,0 +1,90 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the calibration has on ``/diagnostics``: its state, and what is wrong."""
+
+from calibration.analysis.tracking.innovations import HONEST
+
+from ..analysis.external_check import ways
+from .encoder_wording import MARKS_UNKNOWN
+from .wording import wording
+
+
+def state_rows(state, taken_up, finding):
+    """What a calibration has on ``/diagnostics``, names and values.
+
+    Parameters
+    ----------
+    state : CalibrationState or NightSeries
+    taken_up : list of str
+        What it had when it was started anew.
+    finding : str
+        Of the last diagnosis.
+
+    Returns
+    -------
+    list of (str, str)
+    """
+    asked = state.requests.document
+    return [('observations', str(state.rows.taken.kept)),
+            ('power-ons with a zero', str(len(state.zeros))),
+            ('zeros by', ways(state.zeros.values()) or 'nothing yet'),
+            ('taken up', '; '.join(taken_up) or 'nothing: there from the start'),
+            ('diagnosis', finding or 'none yet'),
+            *([('causes distinguished', asked['says'])] if asked else []),
+            *(_tracking_rows(state.tracked) if state.tracks else [])]
+
+
+def _tracking_rows(night):
+    """Of a `TrackedNight` or None."""
+    if night is None:
+        return [('tracking', 'not begun')]
+    document = night.document()
+    expected, start = document['expected_arcsec'], document.get('opening')
+    return [('tracking', f'{document["stars"]} stars'),
+            *([('since the nights before', max(start['chances'], key=start['chances'].get))]
+              if start else []),
+            ('expected error now, in 1 h [arcsec]',
+             f'{expected["now"]:.2f}, {expected["1 h"]:.2f}'),
+            ('innovations', wording(document['confidence_sentence']))]
+
+
+def problem_sentences(state, marks_unknown, refused):
+    """Where the encoders and the sky of the last night disagree, or cannot be compared.
+
+    Parameters
+    ----------
+    state : CalibrationState or NightSeries
+    marks_unknown : bool
+    refused : str
+        Effects of the diagnosis that are not in the model.
+
+    Returns
+    -------
+    list of str
+    """
+    found = [state.contradiction and str(state.contradiction), *state.alarms,
+             marks_unknown and MARKS_UNKNOWN, refused,
+             *(tracking_problems(state.tracked) if state.tracks else [])]
+    return [text for text in found if text]
+
+
+def tracking_problems(night):
+    """What is wrong with what the filter of a `TrackedNight` (or None) predicts, sentences."""
+    if night is None:
+        return ['tracking begins with a model: fit, or give model_file']
+    document = night.document()
+    return [] if document['confidence'] == HONEST else [
+        f'tracking: the filter was {wording(document["confidence_sentence"])}, and is widened or '
+        'narrowed for it']
