@@ -17,7 +17,7 @@
 import numpy as np
 
 from .candidates import TIE
-from .linear_model import DISTINCT, contained, overlap
+from .linear_model import DISTINCT
 
 #: candidates within this BIC of the best are one set: from 6 on the evidence for one of two is
 #: "strong" (Kass and Raftery 1995, section 3.2)
@@ -65,6 +65,36 @@ def equal_causes(problem, choice, i, scores):
                        or contained(own, scores.basis(k)) <= ALIAS)]
         same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
     return every, equals, same
+
+
+def overlap(a, b):
+    """How much two spans are one: smallest and largest squared cosine between them.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (d, 2n)
+        Orthonormal rows (zero rows are ignored).
+    """
+    values, (m, k) = _cosines(a, b)
+    return (float(values[-1]) if m == k else 0.0, float(values[0])) if m and k else (0.0, 0.0)
+
+
+def contained(small, large):
+    """Smallest squared cosine of a span to one of more directions; 0 where it has no more.
+
+    Parameters
+    ----------
+    small, large : ndarray, shape (d, 2n)
+        Orthonormal rows (zero rows are ignored).
+    """
+    values, (m, k) = _cosines(small, large)
+    return float(values[-1]) if 0 < m < k else 0.0
+
+
+def _cosines(a, b):
+    """Squared cosines between two spans, the largest first, and how many directions each has."""
+    a, b = (one[np.einsum('ij,ij->i', one, one) > 0.5] for one in (a, b))
+    return np.square(np.linalg.svd(a @ b.T, compute_uv=False)), (len(a), len(b))
 
 
 def _refined(problem, g, scores):

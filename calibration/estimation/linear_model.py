@@ -39,36 +39,6 @@ _RCOND = 1e-5  # relative singular value of columns that depend on others but fo
 LIVE = 0.05
 
 
-def overlap(a, b):
-    """How much two spans are one: smallest and largest squared cosine between them.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (d, 2n)
-        Orthonormal rows (zero rows are ignored).
-    """
-    values, (m, k) = _cosines(a, b)
-    return (float(values[-1]) if m == k else 0.0, float(values[0])) if m and k else (0.0, 0.0)
-
-
-def contained(small, large):
-    """Smallest squared cosine of a span to one of more directions; 0 where it has no more.
-
-    Parameters
-    ----------
-    small, large : ndarray, shape (d, 2n)
-        Orthonormal rows (zero rows are ignored).
-    """
-    values, (m, k) = _cosines(small, large)
-    return float(values[-1]) if 0 < m < k else 0.0
-
-
-def _cosines(a, b):
-    """Squared cosines between two spans, the largest first, and how many directions each has."""
-    a, b = (one[np.einsum('ij,ij->i', one, one) > 0.5] for one in (a, b))
-    return np.square(np.linalg.svd(a @ b.T, compute_uv=False)), (len(a), len(b))
-
-
 @dataclass
 class WeightedFit:
     """A robust weighted fit of some columns: what is left, and how it was weighted.

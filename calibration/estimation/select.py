@@ -33,12 +33,12 @@ from .backward_elimination import eliminate
 from .candidates import CandidateGroup, best_of, largest
 from .chance import ChanceTest
 from .equal_causes import SET_WIDTH
-from .false_alarms import MEMORY_SHARE, SHARES
+from .false_alarms import MEMORY_SHARE
 from .group_columns import orthonormal
 from .linear_model import DISTINCT
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
-from .significance import beside_memory
+from .significance import beside_memory, beyond_chance
 
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
@@ -123,13 +123,6 @@ def _offered(bank, chance):
     return len(bank) > 0 and (not chance.searched_before or bool(bank.by_chance))
 
 
-def _beyond(chance, fit, scores, g, alpha):
-    """Whether a group is beyond chance, in its share of the false alarms."""
-    # of few flips none may reach it
-    alpha = max(alpha * SHARES[scores.bank.effects[g].share], chance.least)
-    return chance.p(fit, scores, g, alpha) <= alpha
-
-
 def affordable(problem, fit, size):
     """Whether there are rows enough for `size` columns more."""
     return 2 * problem.n - len(fit.basis) - size >= ROWS_PER_COLUMN * size + 2
@@ -187,7 +180,7 @@ def _masked(problem, choice, bank, mask, g, alpha, chance):
     scores = bank.score(mask.fit, [g])
     if scores.dof[g] == 0:
         return (g,)
-    if _beyond(chance, mask.fit, scores, g, alpha) or chance.p_beyond_memory(
+    if beyond_chance(chance, mask.fit, scores, g, alpha) or chance.p_beyond_memory(
             problem, choice.chosen, bank, mask, g) <= alpha * MEMORY_SHARE:
         return ()
     some = mask.covered(np.flatnonzero(bank.score(choice.fit).delta_bic > 0.0))
@@ -201,13 +194,13 @@ def _beyond_chance(problem, fit, alpha, chance, without):
     g, gain = best_of(scores, without)
     if gain <= 0.0:
         return None
-    if not _beyond(chance, fit, scores, g, alpha):
+    if not beyond_chance(chance, fit, scores, g, alpha):
         pays = np.setdiff1d(np.flatnonzero(scores.delta_bic > 0.0), without)
         z = ChanceTest(fit, scores, g, pays).all
         # of each share
         others = [int(some[np.argmax(z[some])]) for groups in scores.bank.shares.values()
                   if len(some := np.intersect1d(groups, pays))]
-        others = [k for k in others if k != g and _beyond(chance, fit, scores, k, alpha)]
+        others = [k for k in others if k != g and beyond_chance(chance, fit, scores, k, alpha)]
         if not others:
             return None
         g = max(others, key=lambda k: scores.delta_bic[k])
@@ -331,7 +324,7 @@ def _add_change(problem, plain, choice, alpha, chance, given_up):
     scores, mask = bank.score(choice.fit), _mask(problem, choice, bank)
     while len(without) < len(bank):
         g, gain = best_of(scores, without)
-        if gain <= 0.0 or not _beyond(chance, choice.fit, scores, g, alpha) or not affordable(
+        if gain <= 0.0 or not beyond_chance(chance, choice.fit, scores, g, alpha) or not affordable(
                 problem, choice.fit, len(bank.of(g))):
             return False
         lost = _masked(problem, choice, bank, mask, g, alpha, chance)
@@ -351,7 +344,7 @@ def _add_period(problem, plain, choice, alpha, chance, given_up):
     while len(lost) < len(bank.scans) + len(given_up):
         scores = bank.score(choice.fit)
         g = bank.offer(scores, lost)
-        if g < 0 or not _beyond(chance, choice.fit, scores, g, alpha) or not affordable(
+        if g < 0 or not beyond_chance(chance, choice.fit, scores, g, alpha) or not affordable(
                 problem, choice.fit, len(bank.of(g))):
             return False
         if len(problem.curves) and best_of(problem.curves.score(choice.fit))[1] > \
@@ -364,7 +357,7 @@ def _add_period(problem, plain, choice, alpha, chance, given_up):
         problem.tune(group, rate)
         chosen = [*choice.chosen, one]
         fit = beside_memory(problem, chosen, len(chosen) - 1, choice.fit)
-        if fit is None or _beyond(chance, fit, bank.score(fit), g, alpha):
+        if fit is None or beyond_chance(chance, fit, bank.score(fit), g, alpha):
             choice.chosen, choice.fit = chosen, plain.fit(chosen, choice.fit.weights)
             second_look(plain, choice, [c.group for c in given_up if c.plain])
             return True
@@ -404,7 +397,7 @@ def _curve_beside(problem, choice, alpha, chance, without):
     # of curves, the one that chance explains least: BIC would rather have half of a shape
     pays = np.setdiff1d(np.flatnonzero(scores.delta_bic > 0.0), without)
     g = int(np.argmax(ChanceTest(choice.fit, scores, g, pays).all))
-    if not _beyond(chance, choice.fit, scores, g, alpha) or not affordable(
+    if not beyond_chance(chance, choice.fit, scores, g, alpha) or not affordable(
             problem, choice.fit, len(problem.curves.of(g))):
         return []
     return [(float(scores.delta_bic[g]), g, tuple(range(len(choice.chosen))))]

@@ -19,7 +19,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .equal_causes import equal_causes
+from .false_alarms import SHARES
 from .memory_test import MemoryMask
+
+
+def beyond_chance(chance, fit, scores, g, alpha):
+    """Whether a group is beyond chance, in its share of the false alarms."""
+    # of few flips none may reach it
+    alpha = max(alpha * SHARES[scores.bank.effects[g].share], chance.least)
+    return chance.p(fit, scores, g, alpha) <= alpha
 
 
 def beside_memory(problem, chosen, i, plain):

@@ -25,9 +25,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.estimation.candidates import CandidateGroup
-from calibration.estimation.equal_causes import SET_WIDTH
+from calibration.estimation.equal_causes import SET_WIDTH, overlap
 from calibration.estimation.false_alarms import ALPHA
-from calibration.estimation.linear_model import DISTINCT, overlap, weighted_fit
+from calibration.estimation.linear_model import DISTINCT, weighted_fit
 from calibration.estimation.memory_test import MemoryMask
 from calibration.estimation.selection_problem import SelectionProblem
 from pointing_model.calibration_messages import ASKS, CANNOT, ONE_CAUSE

@@ -26,6 +26,7 @@ from calibration.estimation.backward_elimination import eliminate
 from calibration.estimation.candidates import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance, ChanceTest, normal_score, pair_corrected
 from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.equal_causes import overlap
 from calibration.estimation.folds import (
     contiguous_folds,
     cross_validate,
@@ -34,7 +35,7 @@ from calibration.estimation.folds import (
     random_folds,
 )
 from calibration.estimation.group_columns import Basis, GroupColumns, orthonormal
-from calibration.estimation.linear_model import overlap, weighted_fit
+from calibration.estimation.linear_model import weighted_fit
 from calibration.estimation.select import choose, search
 from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
 from calibration.estimation.significance import significance
