@@ -224,17 +224,17 @@ def _headline(report):
         return None, [], []
     shown = [step for step in (first, zeroed, last) if step]
     sizes = [f'{step["held_out"]["radial"]:.2f}″' for step in shown]
-    start = RAW if _name(first) == RAW else 'with the ' + first['step']
+    start = RAW if _step_name(first) == RAW else 'with the ' + first['step']
     middle = f', {sizes[1]} with the zero set' if zeroed else ''
     headline = f'{sizes[-1]} RMS on held-out stars with the model; {sizes[0]} {start}{middle}'
     words = ['before: ', *[''] * bool(zeroed), 'after: ']
-    numbers = [(size, f'{word}{_name(step)}') for size, word, step in zip(sizes, words, shown)]
-    bars = [(_name(step), [(step['held_out']['radial'], 'after' if step is last else 'before',
+    numbers = [(size, f'{word}{_step_name(step)}') for size, word, step in zip(sizes, words, shown)]
+    bars = [(_step_name(step), [(step['held_out']['radial'], 'after' if step is last else 'before',
                              'stars held out')]) for step in shown]
     return headline, bars, numbers
 
 
-def _name(step):
+def _step_name(step):
     return RAW if step['step'] == _OLD_RAW else step['step']
 
 
@@ -387,7 +387,7 @@ def _words(run, report, split_seed):
 def _models(report):
     """Every kind of model on the stars that it was fitted to, and on others."""
     _, _, last = steps_of(report)
-    rows = [(_name(step) + ' ← published' * (step is last and step['step'] != BOTH),
+    rows = [(_step_name(step) + ' ← published' * (step is last and step['step'] != BOTH),
              *_rms(step['used']), *_rms(step['held_out']), step['held_out']['n'])
             for step in report.get('steps') or ()]
     out = page.Table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',
