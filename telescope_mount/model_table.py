@@ -27,11 +27,11 @@ from pointing_model.context import UNKNOWN, Context
 from pointing_model.effects.base import readable
 from pointing_model.model_application import NEWEST, axis_angles, turned, zeros_of_rows
 from pointing_model.mounts import is_beyond, through_pole
+from pointing_model.runs.columns.cell_values import TextRows, decimal_points, is_number
 from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.column_names import CSV_NAMES
 from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.columns.run_table import content, lines_of, own_name
-from pointing_model.runs.columns.text_rows import TextRows, decimal_points, is_number
 from pointing_model.runs.run import COLUMNS, column_name
 from pointing_model.sky.refraction import air_of_rows
 from pointing_model.zero import carried_zeros

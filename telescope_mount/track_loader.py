@@ -20,12 +20,12 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ, is_beyond, parse_mount, through_pole
+from pointing_model.runs.columns.cell_values import CLOCK, day_unit
 from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.column_names import OTHER_NAMES
 from pointing_model.runs.columns.declarations import declarations
 from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.columns.run_table import content, read_lines
-from pointing_model.runs.columns.text_rows import CLOCK, day_unit
 from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
 from pointing_model.sky.orbits.orbit_files import Orbits

@@ -18,14 +18,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import USUAL, kind_of
 
 from .cause_wording import open_causes, short_cause, still_open
 from .error_table import ErrorLine
 from .figure_wording import STAYS, best_pair, way_size
 from .implausible_wording import implausible_caution
-from .noise_wording import axes_sentence, cause_words, is_headline, scatter_sentence
+from .noise_wording import axes_sentence, is_headline, noise_caution, scatter_sentence
 from .observation_wording import place_words, proposals
 from .period_wording import PHASE
 from .row_wording import bad_nights, far_text, left_out_lines
@@ -125,11 +124,8 @@ def effect_line(row, name, reach=None, stability=''):
 def _cautions(document):
     """One short sentence for each thing that bears on all."""
     out = list(map(implausible_caution, document.get('unphysical') or ()))
-    noise = document.get('wander') or {}
-    if noise.get('slow') and not slow_is_largest(document) and document['verdict'] != 'wanders':
-        size = noise.get('removes_rms_arcsec')
-        out.append('Correlated noise' + (f', {arcsec(size)} RMS' if size else '')
-                   + f', remains{cause_words(noise)}.')
+    if not slow_is_largest(document) and document['verdict'] != 'wanders':
+        out += noise_caution(document.get('wander') or {})
     each = [repeats(document, row) for row in document['effects']]
     if document['verdict'] not in STAYS and each and all(
             found is not None and 2 * found < folds for found, folds in each):

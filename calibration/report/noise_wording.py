@@ -97,6 +97,15 @@ def cause_words(entry):
     return f': a drift, or {explained}' if explained else '; its cause is unknown'
 
 
+def noise_caution(entry):
+    """What remains as correlated noise, and what it may be: a list, empty where it is not slow."""
+    if not entry.get('slow'):
+        return []
+    size = entry.get('removes_rms_arcsec')
+    return ['Correlated noise' + (f', {arcsec(size)} RMS' if size else '')
+            + f', remains{cause_words(entry)}.']
+
+
 def _distance(axis):
     """How far apart the rows of an axis are of which is said how they differ."""
     if axis['unit'] == 'rows':

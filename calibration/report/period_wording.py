@@ -14,7 +14,8 @@
 
 """Words for periodic errors: what gear has such a period, and how long its phase lasts."""
 
-from pointing_model.effects.gears import FEWEST, MOST, strain_wave
+from calibration.analysis.diagnosis.period_scans import FEWEST, MOST
+from pointing_model.effects.gears import strain_wave
 
 _MOST_ALIASES = 4  # that are named
 #: how long a model with it is good

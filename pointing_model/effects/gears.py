@@ -26,8 +26,6 @@ from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, on_axi
 from .graduation import BY_COLUMN, is_gear
 
 _TURN = 2.0 * np.pi
-#: periods a turn that are looked for: of worm wheels 50 to 720 teeth, of the motor's gears more
-FEWEST, MOST = 10.0, 1000.0
 #: reductions of strain-wave drives (ratios that the makers of their gears list). They err twice a
 #: turn of the wave generator, which has two lobes, and once where it is off its centre
 STRAIN_WAVE = (50, 80, 100, 120, 160)

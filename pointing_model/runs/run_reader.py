@@ -26,8 +26,8 @@ from pointing_model.runs.run import PointingRun, known_site
 
 from . import formats
 from .columns import axis_places, checks, hints, solve_columns
+from .columns.cell_values import is_number
 from .columns.run_table import content, read_lines
-from .columns.text_rows import is_number
 from .formats.images import read_images
 
 _MODULES = [import_module(f'{formats.__name__}.{module.name}')

@@ -22,7 +22,7 @@ from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget, load_cata
 
 from .star_choice import AxisLimits, choose_stars
 from .star_order import seconds_a_star, weight_of_slews
-from .zero_choice import ZeroChoice
+from .zero_method import ZeroChoice
 
 
 class StepTargets:

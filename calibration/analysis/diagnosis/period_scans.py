@@ -22,8 +22,6 @@ from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.effects.base import AXES, for_mount, on_axis
 from pointing_model.effects.gears import (
-    FEWEST,
-    MOST,
     TAPE_MARGIN,
     driver_angle,
     strain_wave,
@@ -32,6 +30,8 @@ from pointing_model.sky.places import SIDEREAL
 
 from ..finding import Finding
 
+#: periods a turn that are looked for: of worm wheels 50 to 720 teeth, of the motor's gears more
+FEWEST, MOST = 10.0, 1000.0
 #: rows from which on a period is searched: fewer go through it by chance
 _FEWEST_ROWS = 20
 #: of a period that rests on whole teeth, standard errors within which it is a whole number, and how

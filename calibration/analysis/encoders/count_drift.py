@@ -37,7 +37,7 @@ from ...estimation.step_scan import neighbour_noise, random_walk, robust_fit, tw
 from ..finding import Finding
 from .cross_check_rows import AXES, INCREMENTAL, LEAST, SHORT, USUAL, CrossCheckNight
 from .encoder_jumps import DifferenceEvent, difference_events, encoder_events
-from .slow_changes import slow_changes
+from .jump_or_slow_change import slow_changes
 
 #: rows from which a walk is distinguished from noise
 _FEWEST = 20

@@ -38,7 +38,7 @@ from ...estimation.step_scan import (
     robust_fit,
 )
 from .cross_check_rows import ABSOLUTE, ALIKE, AXES, BOTH, INCREMENTAL, LEAST
-from .slow_changes import jumps_or_slow
+from .jump_or_slow_change import jumps_or_slow
 
 #: rows on either side of a step. Two wild readings together at the end of 40 rows make a step in
 #: 29 % of the nights with 1 or 2, in 8 % with 3, in 1.5 % with 4, which is also later to see one
@@ -77,7 +77,7 @@ class EncoderEvent:
     amount in rad from its lowest to its highest), and `column`, shape (n,), how it went. The amount
     is what `moved` reads too much, with that `confidence` (posterior). `probability` is the chance
     of such a step anywhere in the night without one, if the noise is all there is; `lead`, by how
-    much (BIC) it is better than any slow change, see `slow_changes`. Where `moved` is `BOTH`, the
+    much (BIC) it is better than any `SlowChange`. Where `moved` is `BOTH`, the
     amount is that of the incremental encoder, and `second` that of the absolute one.
     """
 

@@ -24,8 +24,8 @@ import re
 
 import numpy as np
 
+from .cell_values import TextRows, is_number
 from .run_table import content
-from .text_rows import TextRows, is_number
 
 _BLOCK = 5000  # lines that are split at a time
 MOST_COLUMNS = 1000  # no program writes so many; ten thousand take minutes

@@ -19,7 +19,7 @@ import re
 
 import numpy as np
 
-from .text_rows import TextRows, is_number
+from .cell_values import TextRows, is_number
 
 _AXES = {'az': ('az', 'azimuth', 'azi', 'azm'),
          'el': ('el', 'elev', 'elevation', 'alt', 'altitude'),

@@ -26,7 +26,7 @@ from pointing_model.mount_kinds import KINDS, MountKind
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import COLUMNS, column_name
 
-from .text_rows import Exclusions
+from .cell_values import Exclusions
 
 #: what a file may give in place of `az, el` and of the encoder's angles, and its unit in SI;
 #: kept under the file's name, which no column of the user's own can have

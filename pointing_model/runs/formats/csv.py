@@ -25,11 +25,11 @@ from pointing_model.runs.run import COLUMNS, column_name, known_site
 from pointing_model.sky.site import SITE
 
 from ..columns import hints, run_table, solve_columns
+from ..columns.cell_values import CLOCK, UNKNOWN, day_unit, decimal_points, is_number
 from ..columns.cells import Cells, delimiter_of, split_row, write_rows
 from ..columns.column_names import CSV_NAMES, HORIZON_NAMES, OTHER_NAMES, near_column
 from ..columns.declarations import declarations
 from ..columns.run_table import RunFormat, RunTable, content
-from ..columns.text_rows import CLOCK, UNKNOWN, day_unit, decimal_points, is_number
 
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast

@@ -24,8 +24,8 @@ from pointing_model.mounts import ALTAZ, Mount, sides
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
 from pointing_model.runs.run import REQUIRED
 
+from ..columns.cell_values import WordRows, is_number, usual_width
 from ..columns.run_table import RunTable
-from ..columns.text_rows import WordRows, is_number, usual_width
 
 #: numbers of catalogue right ascension and declination, those of the telescope, sidereal time
 PLACES = 14

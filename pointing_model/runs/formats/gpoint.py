@@ -22,9 +22,9 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
 
+from ..columns.cell_values import YEAR_1900, YEAR_2100, WordRows, commented_rows, is_number
 from ..columns.declarations import declarations
 from ..columns.run_table import NoObservations, RunFormat, RunTable, content
-from ..columns.text_rows import YEAR_1900, YEAR_2100, WordRows, commented_rows, is_number
 
 _SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
 _TOP = 30  # lines in which the site is

@@ -18,8 +18,8 @@ import re
 
 import numpy as np
 
+from ..columns.cell_values import WordRows, is_number
 from ..columns.run_table import RunFormat, RunTable, own_name
-from ..columns.text_rows import WordRows, is_number
 
 _ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
 _NEEDED = ('id', 'UTh', 'AZd', 'ELd', 'pnt.X', 'pnt.Y')

@@ -16,8 +16,8 @@
 
 import numpy as np
 
+from ..columns.cell_values import is_number
 from ..columns.run_table import RunFormat, RunTable
-from ..columns.text_rows import is_number
 
 _SIDEREAL_HOUR = 3600.0 / 1.00273790935  # s of UT
 _WANTED = {'RAA': ('az', 'el'), 'TAA': ('az_enc', 'el_enc'), 'ABS_AA': ('az_abs', 'el_abs')}

@@ -23,8 +23,8 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
+from ..columns.cell_values import TextRows
 from ..columns.run_table import NoObservations, RunFormat, RunTable
-from ..columns.text_rows import TextRows
 
 #: of each point; siderealTime and raJ2000S in hours, the others in degrees
 _NUMBERS = ('raJ2000S', 'decJ2000S', 'decJNowS', 'angularPosRA', 'angularPosDEC', 'siderealTime')

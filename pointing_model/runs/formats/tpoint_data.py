@@ -22,8 +22,8 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.runs.run import REQUIRED
 
+from ..columns.cell_values import WordRows, is_number, usual_width
 from ..columns.run_table import NoObservations, RunFormat, RunTable, content
-from ..columns.text_rows import WordRows, is_number, usual_width
 from .equatorial import PLACES, read_exported, read_short
 
 _SHORT = 'EQUATORIAL, SHORT'  # no option of a file

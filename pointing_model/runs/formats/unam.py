@@ -21,8 +21,8 @@ import numpy as np
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
+from ..columns.cell_values import WordRows, commented_rows, is_number, usual_width
 from ..columns.run_table import RunFormat, RunTable, content
-from ..columns.text_rows import WordRows, commented_rows, is_number, usual_width
 
 #: a name holds a time stamp, to the second or finer
 _NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')

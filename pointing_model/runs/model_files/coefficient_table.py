@@ -30,9 +30,9 @@ from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.pointing_terms import terms_of
+from pointing_model.runs.columns.cell_values import decimal_points
 from pointing_model.runs.columns.cells import Cells, delimiter_of, safe_text, split_row, write_rows
 from pointing_model.runs.columns.run_table import lines_of
-from pointing_model.runs.columns.text_rows import decimal_points
 
 from .program import number_of, refuse_equatorial
 

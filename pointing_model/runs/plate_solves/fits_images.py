@@ -278,7 +278,7 @@ def _number(name, value):
 
 
 def _time(header, names, values):
-    from pointing_model.runs.columns.text_rows import YEAR_1900, YEAR_2100, TextRows
+    from pointing_model.runs.columns.cell_values import YEAR_1900, YEAR_2100, TextRows
     system = str(header.get('TIMESYS', 'UTC')).strip().upper()
     if system not in ('', 'UTC', 'UT'):
         raise NotThere(f'TIMESYS is {system[:20]}, not UTC')

@@ -296,7 +296,7 @@ def test_blocks_of_a_long_file_are_one_table(read, monkeypatch):
     rows[30] = rows[4]
     text = table(f'time,{HEADER},star,fan', *rows)
     whole = read(text)
-    for module in ('cells', 'text_rows'):
+    for module in ('cells', 'cell_values'):
         monkeypatch.setattr(f'pointing_model.runs.columns.{module}._BLOCK', 7)
     run = read(text)
     assert whole.meta['notes'] == run.meta['notes'] and len(run) == 39

@@ -29,7 +29,7 @@ from pointing_model.sky.site import DEFAULT_SITE, Site
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.zero import MARK
 from telescope_mount.observing.star_choice import ANYWHERE, axes_at
-from telescope_mount.observing.zero_choice import way_to_zero
+from telescope_mount.observing.zero_method import way_to_zero
 from telescope_mount.observing.zero_stars import Before, choose_places, zero_sigma, zero_stars
 
 TIME = START * 1e-9

@@ -17,7 +17,7 @@ import pytest
 from encoder_night import cross_check, night
 
 from calibration.analysis.encoders.cross_check_rows import CrossCheckNight
-from calibration.analysis.encoders.slow_changes import LEAD, lead_over, slow_changes
+from calibration.analysis.encoders.jump_or_slow_change import LEAD, lead_over, slow_changes
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
 
