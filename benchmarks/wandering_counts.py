@@ -36,7 +36,7 @@ from collections import defaultdict
 import numpy as np
 from zero_drift import AXES, START, Night, axes_on
 
-from calibration.analysis.encoders.count_drift import zero_following
+from calibration.analysis.encoders.zero_following import zero_following
 from calibration.calibration_state import CalibrationState
 from calibration.publication import BlindStars, ModelWithZeros
 from encoder_sim import keyed_noise

@@ -26,8 +26,8 @@ from pointing_model.zero import Zeros, active_zeros
 from pointing_model.zero_drift import KEY as FOLLOWS
 from pointing_model.zero_drift import Following
 
-from .analysis.encoders.count_drift import zero_following
 from .analysis.encoders.cross_check import cross_check
+from .analysis.encoders.zero_following import zero_following
 from .analysis.harmonic_fit import HarmonicChoice
 from .analysis.sky_model import origin_of_night, with_errors
 from .analysis.tracking import BATCH, TRACK

@@ -25,7 +25,7 @@ from pointing_model.zero_drift import Following
 
 from .analysis.diagnosis.input_check import check_columns
 from .analysis.diagnosis.residual_patterns import ResidualRows, jump_findings
-from .analysis.encoders.count_drift import zero_following
+from .analysis.encoders.zero_following import zero_following
 from .analysis.external_check import power_on_check, split_half, ways
 from .analysis.fit_result import FitResult
 from .analysis.harmonic_fit import Recipe, fit_chosen

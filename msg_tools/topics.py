@@ -189,3 +189,50 @@ COMPUTED = tuple(value for value in list(globals().values())
                  if isinstance(value, Topic) and value.computed)
 #: what a replay leaves out unless it is named: what is computed, and what would move a mount
 NOT_REPLAYED = (*COMPUTED, REQUEST, REQUEST_OWNER, COMMAND)
+
+
+def prefixes_of(log):
+    """The namespaces, as ``/mount/``, in which a log has observations; those with messages if any.
+
+    Parameters
+    ----------
+    log : BagReader or SqliteReader
+
+    Returns
+    -------
+    list of str
+    """
+    for of in (OBSERVATION, OBSERVATIONS):
+        there = [topic for topic in log.topics
+                 if topic.name.endswith(f'/{of.name}') and topic.type == of.type]
+        filled = [topic for topic in there if topic.count]
+        if there:
+            return sorted({topic.name[:-len(of.name)] for topic in filled or there})
+    return []
+
+
+def prefix_of(log):
+    """The namespace of the observations of a log, as ``/mount/``; ``/`` without one.
+
+    Parameters
+    ----------
+    log : BagReader or SqliteReader
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError
+        It has none, or those of several mounts.
+    """
+    found = prefixes_of(log)
+    if not found:
+        raise ValueError(f'{log.path} has no topic observation; it is no log of a night')
+    if len(found) > 1:
+        raise ValueError(
+            f'{log.path} has observations of {len(found)} mounts, '
+            f'{" and ".join(f"{name}{OBSERVATION.name}" for name in found)}; record each in '
+            'a separate log (exclude of mcap_logger, or ros2 bag convert)')
+    return found[0]

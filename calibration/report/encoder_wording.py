@@ -18,7 +18,6 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from calibration.analysis.encoders.count_drift import SURE
 from calibration.analysis.encoders.cross_check import HOME_SIDE
 from calibration.analysis.encoders.cross_check_rows import (
     ABSOLUTE,
@@ -28,6 +27,7 @@ from calibration.analysis.encoders.cross_check_rows import (
     INCREMENTAL,
     MOUNT,
 )
+from calibration.analysis.encoders.zero_following import SURE
 from msg_tools.units import ARCSEC
 
 MARKS_UNKNOWN = ('reference marks of the incremental encoder unknown: nothing on '

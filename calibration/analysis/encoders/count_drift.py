@@ -29,13 +29,13 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.effects.backlash import MEMORIES
 from pointing_model.effects.base import effect
-from pointing_model.zero_drift import AxisFollowing, Following, harmonic_columns
+from pointing_model.zero_drift import harmonic_columns
 
 from ...estimation.correlated_noise import WhiteNoise
 from ...estimation.group_columns import GroupColumns
 from ...estimation.step_scan import neighbour_noise, random_walk, robust_fit, two_sided
 from ..finding import Finding
-from .cross_check_rows import AXES, INCREMENTAL, LEAST, SHORT, USUAL, CrossCheckNight
+from .cross_check_rows import AXES, LEAST, SHORT, USUAL
 from .encoder_jumps import DifferenceEvent, difference_events, encoder_events
 from .jump_or_slow_change import slow_changes
 
@@ -49,9 +49,6 @@ _FINER = (3, 4, 5, 6)
 _WILD = 6.0
 #: neighbours on a side that a reading is compared with
 _BESIDE = 4
-#: probability that it is the incremental encoder, by the stars, from where its zero follows the
-#: other
-SURE = 0.9
 #: odds that it is the incremental encoder, before the stars are asked: its errors add up, while an
 #: absolute encoder reads each angle anew
 _ODDS = 4.0
@@ -310,54 +307,3 @@ def _sides(night, axis):
             for memory in (0.0, *MEMORIES)]
     return [np.nan_to_num(np.broadcast_to(one.of(context)[0][axis], len(night.run)))
             for one in play if all(context.get(need) is not None for need in one.requires)]
-
-
-def zero_following(rows, budget=USUAL):
-    """What the zero of each axis has to follow, by the rows of a night.
-
-    Parameters
-    ----------
-    rows : PointingRun
-        To fit by, with ``run``, ``star`` and ``time``; without a second encoder nothing follows.
-    budget : Budget
-
-    Returns
-    -------
-    Following
-        Axes of which the counts of the incremental encoder drift, by the stars; nothing where the
-        stars cannot determine which encoder it is, or say that it is the other.
-    """
-    if any(name not in rows for name in ('az_abs', 'el_abs', 'run', 'star', 'time')):
-        return Following()
-    night = CrossCheckNight(rows, None)
-    if not len(night.run):
-        return Following()
-    found, axes = movements(night, None, budget, []), {}
-    for axis, drift in found.drifts.items():
-        event = next(one for one in found.events if one.axis == AXES[axis] and one.kind == 'walk')
-        if event.moved == INCREMENTAL and event.confidence >= SURE:
-            references, starts = _references(night, axis, drift)
-            axes[SHORT[axis]] = AxisFollowing(
-                drift.discs, references, drift.noise, drift.step, starts)
-    return Following(axes)
-
-
-def _references(night, axis, drift):
-    """Of each power-on, and when that of the absolute encoder began.
-
-    At Polaris where it was seen: there its zero was measured. The absolute encoder's own power-on
-    may change what it reads: the newest with Polaris counts.
-    """
-    smooth = night.difference[axis] - harmonic_columns(
-        night.rows[f'{SHORT[axis]}_enc']) @ drift.discs
-    began = night.rows['absolute_start']
-    references, starts = {}, {}
-    for run in night.tonight:
-        mine = night.run == run
-        at = mine & night.for_zero
-        at = at if at.any() else mine
-        at &= night.interval == night.interval[at].max()
-        references[int(run)] = float(np.median(smooth[at]))
-        if np.isfinite(began[at]).any():
-            starts[int(run)] = float(began[at][np.isfinite(began[at])][-1])
-    return references, starts

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from encoder_night import cross_check
 
-from calibration.analysis.encoders.count_drift import count_drift, zero_following
+from calibration.analysis.encoders.count_drift import count_drift
+from calibration.analysis.encoders.zero_following import zero_following
 from calibration.calibration_state import CalibrationState
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel

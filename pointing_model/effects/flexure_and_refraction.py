@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What follows the direction alone and has a term: refraction, flexure, terms left out."""
+"""What follows the direction alone and has a term: flexure, refraction, terms left out."""
 
 from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.pointing_terms import ZERO, Trig, terms_of

@@ -1,0 +1,77 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What an active zero follows: the absolute encoder, where the counts of the other drift."""
+
+import numpy as np
+
+from pointing_model.zero_drift import AxisFollowing, Following, harmonic_columns
+
+from .count_drift import movements
+from .cross_check_rows import AXES, INCREMENTAL, SHORT, USUAL, CrossCheckNight
+
+#: probability that it is the incremental encoder, by the stars, from where its zero follows the
+#: other
+SURE = 0.9
+
+
+def zero_following(rows, budget=USUAL):
+    """What the zero of each axis has to follow, by the rows of a night.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        To fit by, with ``run``, ``star`` and ``time``; without a second encoder nothing follows.
+    budget : Budget
+
+    Returns
+    -------
+    Following
+        Axes of which the counts of the incremental encoder drift, by the stars; nothing where the
+        stars cannot determine which encoder it is, or say that it is the other.
+    """
+    if any(name not in rows for name in ('az_abs', 'el_abs', 'run', 'star', 'time')):
+        return Following()
+    night = CrossCheckNight(rows, None)
+    if not len(night.run):
+        return Following()
+    found, axes = movements(night, None, budget, []), {}
+    for axis, drift in found.drifts.items():
+        event = next(one for one in found.events if one.axis == AXES[axis] and one.kind == 'walk')
+        if event.moved == INCREMENTAL and event.confidence >= SURE:
+            references, starts = _references(night, axis, drift)
+            axes[SHORT[axis]] = AxisFollowing(
+                drift.discs, references, drift.noise, drift.step, starts)
+    return Following(axes)
+
+
+def _references(night, axis, drift):
+    """Of each power-on, and when that of the absolute encoder began.
+
+    At Polaris where it was seen: there its zero was measured. The absolute encoder's own power-on
+    may change what it reads: the newest with Polaris counts.
+    """
+    smooth = night.difference[axis] - harmonic_columns(
+        night.rows[f'{SHORT[axis]}_enc']) @ drift.discs
+    began = night.rows['absolute_start']
+    references, starts = {}, {}
+    for run in night.tonight:
+        mine = night.run == run
+        at = mine & night.for_zero
+        at = at if at.any() else mine
+        at &= night.interval == night.interval[at].max()
+        references[int(run)] = float(np.median(smooth[at]))
+        if np.isfinite(began[at]).any():
+            starts[int(run)] = float(began[at][np.isfinite(began[at])][-1])
+    return references, starts
