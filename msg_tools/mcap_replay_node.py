@@ -23,10 +23,11 @@ from rosgraph_msgs.msg import Clock
 
 from . import topics
 from .bag.sqlite import open_bag
+from .bag.topic_names import prefixes_of
 from .bag.topic_selection import check_patterns
 from .convert import to_stamp
 from .node import MountNode, Param
-from .topics import Topic, make_qos, prefixes_of
+from .topics import Topic, make_qos
 
 #: messages after which a replay as fast as possible waits for the subscribers
 BATCH = 500

@@ -31,9 +31,9 @@ from calibration.night_series import state_of
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.bag_pair import parameters_of
+from msg_tools.bag.topic_names import prefix_of
 from msg_tools.convert import from_stamp, read_sky_vector
 from msg_tools.homing import cloud_to_homing
-from msg_tools.topics import prefix_of
 from msg_tools.units import DEG
 from pointing_model.calibration_messages import joints_to_zero
 from pointing_model.model import PointingModel

@@ -24,8 +24,8 @@ from calibration.estimation.false_alarms import ALPHA
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.bag_pair import parameters_of
+from msg_tools.bag.topic_names import prefix_of
 from msg_tools.status_rows import Taken
-from msg_tools.topics import prefix_of
 from msg_tools.whole_files import write_text
 
 from . import domain

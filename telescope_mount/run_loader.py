@@ -215,7 +215,7 @@ def run_of_log(path, satellites=False):
     """
     from calibration.distrust import distrusted, notes_of
     from msg_tools.bag.bag_pair import parameters_of
-    from msg_tools.topics import prefix_of
+    from msg_tools.bag.topic_names import prefix_of
     from msg_tools.units import wrap
     from pointing_model.calibration_messages import ZeroPairs, joints_to_zero
     from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, way_of
@@ -360,7 +360,7 @@ def with_rows_before(kept, folder):
 def _rows_of(path):
     """Time and row of each observation of a log, but of that of the simulator's truth."""
     from msg_tools.bag import BagReader
-    from msg_tools.topics import prefix_of
+    from msg_tools.bag.topic_names import prefix_of
     log = BagReader(path)
     if log.has_truth:
         return

@@ -19,9 +19,9 @@ from collections import deque
 import numpy as np
 
 from msg_tools.bag.sqlite import open_bag
+from msg_tools.bag.topic_names import prefixes_of
 from msg_tools.gaps import SequenceGaps
 from msg_tools.homing import cloud_to_homing
-from msg_tools.topics import prefixes_of
 from msg_tools.units import ARCSEC
 
 # of older logs: the errors as positions of joints

@@ -27,7 +27,7 @@ from calibration.report.track_page import innovations_figure, tracking_lines
 from calibration.rows import is_kept_out
 from msg_tools.bag.bag_pair import parameters_of
 from msg_tools.bag.sqlite import open_bag
-from msg_tools.topics import prefix_of
+from msg_tools.bag.topic_names import prefix_of
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun

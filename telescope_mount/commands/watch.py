@@ -59,7 +59,7 @@ def run(args):
 
 def _log(args):
     from msg_tools.bag.sqlite import open_bag
-    from msg_tools.topics import prefixes_of
+    from msg_tools.bag.topic_names import prefixes_of
 
     from ..dashboard.log_state import log_messages
     from .export import time_of

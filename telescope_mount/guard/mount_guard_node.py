@@ -35,8 +35,8 @@ from .goto import GotoSupervisor
 from .guard_params import PARAMS
 from .limits import Axis, Limits, parse_pair, travel_of
 from .sky_limits import SKY_LIMITS
-from .supervisor import LATE, STILL, Supervisor
-from .watchdog import ERROR, WARN, GuardSettings
+from .supervisor import STILL, Supervisor
+from .watchdog import ERROR, LATE, WARN, GuardSettings
 
 #: steady seconds between looks at it all
 LOOK = 0.05

@@ -23,6 +23,8 @@ from typing import NamedTuple
 from msg_tools.units import DEG
 
 OK, WARN, ERROR = 0, 1, 2
+LATE = ('this machine is late: nothing was sent in time; the mount has stopped, and goes on as '
+        'soon as it is judged anew')
 #: periods of an instrument after which it is silent
 PERIODS = 5.0
 #: an axis that moves may be behind by the way of so long, s

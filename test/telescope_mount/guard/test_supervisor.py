@@ -30,8 +30,7 @@ from telescope_mount.guard import supervisor as supervisor_of
 from telescope_mount.guard.axis_track import Cubic, braked, ended
 from telescope_mount.guard.limits import Axis, Limits, travel_of
 from telescope_mount.guard.sky_limits import SUN, SkyCircles
-from telescope_mount.guard.supervisor import LATE
-from telescope_mount.guard.watchdog import WARN
+from telescope_mount.guard.watchdog import LATE, WARN
 from telescope_mount.observing.axis_demand import Track
 
 NOON = START + 15 * 3600 * 10**9
