@@ -35,7 +35,7 @@ from .motion import AxisState
 from .sent_course import Course, moves_onto, stop_track
 from .sky_limits import SkyCircles
 from .track_check import Allowed, Refused, TrackCheck
-from .watchdog import ERROR, LATE, OK, WARN, off_course, silence, why_stop
+from .watchdog import ERROR, LATE, OK, UNKNOWN, WARN, off_course, silence, why_stop
 
 #: so near to a point of a way around, and slower, it is reached; rad, rad/s
 REACHED, STILL = 0.1 * DEG, 0.02 * DEG
@@ -44,7 +44,6 @@ LATER = 1.0
 #: a request that begins so much later is none of now, and a clock that steps back by more makes
 #: all that was known of the future false, s
 FAR = 60.0
-UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
 
 
 class Supervisor:

@@ -23,6 +23,8 @@ from typing import NamedTuple
 from msg_tools.units import DEG
 
 OK, WARN, ERROR = 0, 1, 2
+#: why nothing is sent
+UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
 LATE = ('this machine is late: nothing was sent in time; the mount has stopped, and goes on as '
         'soon as it is judged anew')
 #: periods of an instrument after which it is silent
