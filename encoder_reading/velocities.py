@@ -18,7 +18,7 @@ import numpy as np
 
 from msg_tools.units import wrap
 
-#: s between two readings from which on they tell no velocity: the axis may have been elsewhere
+#: s between two readings from which on they give no velocity: the axis may have been elsewhere
 LONGEST_GAP = 1.0
 
 

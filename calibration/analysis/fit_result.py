@@ -73,7 +73,7 @@ class FitResult:
     freedom : ndarray, shape (k,)
         Degrees of freedom of each standard error; infinite from given sigmas that hold.
     undetermined : tuple of str
-        Coefficients with a share in `dropped`: see `undetermined.Undetermined`.
+        Coefficients with a share in `dropped`: see `undetermined_terms.Undetermined`.
     raised : list of dict
         Sigmas that were taken larger than they are given, see `rows.Usable`.
     ratios : tuple of float

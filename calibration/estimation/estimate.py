@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .robust import LOSS
-from .undetermined import Undetermined
+from .undetermined_terms import Undetermined
 
 
 class Estimate(NamedTuple):

@@ -18,7 +18,7 @@ Each round takes the exact residuals and the columns where the coefficients are,
 (Huber's weights to find the noise of each axis, the loss of the radial distance at that noise)
 and solves. It ends where the exact residuals are those that the last solution told.
 
-What the rows do not determine is held at zero (`undetermined.Undetermined`), and so is what they
+What the rows do not determine is held at zero (`undetermined_terms.Undetermined`), and what they
 determine so badly that the noise takes it beyond the range in which anything is linear (`is_bent`):
 there the iteration runs along a curved valley, and a standard error means nothing.
 """
@@ -30,7 +30,7 @@ from msg_tools.units import ARCSEC
 from .estimate import Estimate
 from .few_rows import are_few, kept_rows
 from .least_squares import TOLERANCE, System, spectrum_of, uncertainty_of, weights_together
-from .undetermined import INNER, WEAK, Undetermined, is_bent
+from .undetermined_terms import INNER, WEAK, Undetermined, is_bent
 
 #: between the exact residuals of the result and those of its linearisation
 EXACT = 1e-7 * ARCSEC

@@ -35,6 +35,7 @@ def lapack():
     if spec is None or 'scipy.linalg' in sys.modules:
         from scipy.linalg import lapack as routines
         return routines
-    module = sys.modules[_NAME] = module_from_spec(spec)
+    module = module_from_spec(spec)
     spec.loader.exec_module(module)
+    sys.modules[_NAME] = module  # not before: another thread may import scipy.linalg meanwhile
     return module

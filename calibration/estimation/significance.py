@@ -53,12 +53,9 @@ class Significance:
         Family-wise, that chance gives any candidate a score like this.
     delta_bic : float
         Gain of the group.
-    equals : list of int
-        Groups of other lines of the ranking within `equal_causes.SET_WIDTH` of the best.
-    same : list of int
-        Of these the ones that are the same curve in this run (aliases).
+    equals, same : list of int
     every : ndarray, shape (G,)
-        Gain of each candidate in its place.
+        What could stand in its place: see `equal_causes.equal_causes`.
     others : dict of int to list of CandidateGroup
         Of equals that are as good only with other groups beside them (`alternatives`): these.
     larger : dict of int to tuple of (int, float)

@@ -165,7 +165,7 @@ def grid_of(mount):
     lines : list of (ndarray, ndarray)
         Azimuth and elevation, rad, along which one axis stands still.
     names : list of (float, float, str)
-        Where something is said, and what.
+        Place of each label, and its text.
     """
     if mount.vertical:
         return None

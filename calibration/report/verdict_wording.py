@@ -16,6 +16,7 @@
 
 from dataclasses import dataclass
 
+from calibration.analysis.diagnosis.input_check import ABSURD
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import kind_of
 
@@ -37,8 +38,6 @@ from .observation_wording import next_sentence
 from .raw_error_wording import raw_error_sentence
 from .row_wording import bad_nights, outlier_sentence, worst_sentence
 
-#: arcsec; what is left beyond this is no noise of pointing
-_ABSURD = 1800.0
 _NO_GAIN = 0.98  # of the error before, above which nothing was gained
 _LITTLE_GAIN = 0.75  # and above which most of it is left to be explained
 #: of the effects that would have been found, so many are named
@@ -197,7 +196,7 @@ def _nothing(document, caution, odd, last):
     floor, left = document.get('noise_floor_arcsec'), document['before'].get('rms_arcsec')
     looks = f'The residuals, {arcsec(left)} RMS, are consistent with noise'
     looks += f' (noise floor {arcsec(floor)}).' if floor is not None else '.'
-    if not caution and (left or 0.0) > _ABSURD:
+    if not caution and (left or 0.0) > ABSURD:
         caution = (f'Residuals of {arcsec(left)} are too large for a mount: check columns, units, '
                    'signs and the zero of azimuth.')
     unequal = axes_sentence(document)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Between the axes of a mount and what its driver is told: places of date."""
+"""Between the axes of a mount and what its driver is sent: places of date."""
 
 import numpy as np
 

@@ -14,7 +14,7 @@
 
 """Stops axes when nothing is read, nobody asks, or they do not go where they were sent.
 
-`GuardSettings` say after how long, and how far off.
+`GuardSettings` have after how long and how far off, and how commands are sent.
 """
 
 import math

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is said of terms whose sign or size no mount should have."""
+"""The words on terms whose sign or size no mount should have."""
 
 import numpy as np
 import pytest

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is said of what the errors as read consist of."""
+"""The words on what the raw errors consist of."""
 
 import numpy as np
 import pytest

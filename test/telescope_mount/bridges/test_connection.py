@@ -22,19 +22,19 @@ from telescope_mount.bridges.connection import BridgeError, Reconnection, parse_
 
 
 @pytest.mark.parametrize('error', [BridgeError, ValueError, OSError])
-def test_it_is_tried_again_and_told_why_it_failed(error):
-    told, again = [], threading.Event()
+def test_it_is_tried_again_and_says_why_it_failed(error):
+    reasons, again = [], threading.Event()
 
     def attempt():
-        if not told:
+        if not reasons:
             raise error('nobody answers')
         again.set()
 
-    reconnection = Reconnection(attempt, told.append, 0.01)
+    reconnection = Reconnection(attempt, reasons.append, 0.01)
     reconnection.start()
     assert again.wait(10.0)
     reconnection.close()
-    assert told == ['nobody answers']
+    assert reasons == ['nobody answers']
 
 
 def test_who_is_woken_does_not_wait_and_who_is_closed_tries_no_more():

@@ -16,7 +16,7 @@
 
 With columns of unit length the design has directions in which the coefficients leave no trace in
 the rows: their singular values are nearly nothing. Along them a coefficient may have any value,
-and one with a share in them cannot be told. As many coefficients as there are such directions are
+and one with a share in them is undetermined. As many coefficients as there are such directions are
 held at zero, so that the others carry what the rows show; the smallest solution, of which a little
 is in every coefficient, would put a part of unknown values into those that are well determined.
 
@@ -31,7 +31,7 @@ from .least_squares import TOLERANCE, weighted_solve
 
 #: of a unit vector along the directions, from where a coefficient has a share in them
 SHARE = 1e-3
-#: as large a part as this of what another would tell, and a coefficient is held in its place
+#: as large a part as this of what another would determine, and a coefficient is held in its place
 _INSTEAD = 0.1
 #: of the noise of all residuals, what one standard error along the worst direction bends them by,
 #: in ways that no coefficient follows (Bates and Watts 1980, J. R. Stat. Soc. B 42, 1: half the
@@ -57,7 +57,7 @@ class Undetermined(NamedTuple):
         Places of those that are not held at zero: what is determined, and those undetermined ones
         that carry the rest of them.
     directions : ndarray, shape (m, k)
-        Of the coefficients, in which the rows tell nothing; the largest number of each is 1.
+        Of the coefficients, that the rows do not determine; the largest number of each is 1.
     sizes : ndarray, shape (m,)
         Singular values of these directions, over the largest.
     moves : ndarray, shape (m,)
@@ -125,7 +125,7 @@ def is_bent(problem, found, spectrum, by, rank):
 
     One standard error to either side along the direction that is determined worst, from where
     nothing of it is in the coefficients: what has gone along it has other columns, and may have
-    come to where these seem to tell more. What the columns follow of the bend is taken off.
+    come to where these seem to determine more. What the columns follow of the bend is taken off.
 
     Parameters
     ----------
