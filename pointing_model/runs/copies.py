@@ -17,7 +17,7 @@
 Two rows are one observation where time and readings agree to the digits of the one that has fewer;
 without the time of both, places and readings; of two files also UTC and places, as in a log, of
 which the zeros are taken off, and in the file that its night wrote. Rows of one star seconds after
-one another differ in their time.
+one another differ in their time. Of one image that was solved twice the surer solution stays.
 """
 
 import numpy as np
@@ -34,6 +34,10 @@ _MINUTE = 60.0
 _CLOCK = 1e8  # s: times below are of a clock of one's own
 _ANGLE_ERROR, _TIME_ERROR = 1e-11, 5e-7  # deg, s: of numbers in memory
 _SAME_FIELD = 0.1  # deg: places of one observation, by whatever refraction
+#: solutions of one image: their times (s), their readings (deg)
+_TWIN_TIME, _TWIN_READING = 1e-3, 0.02 / 3600.0
+_LARGEST = 1e12  # beyond, a number of a file is not known
+_SIDEREAL = 239.3447  # s of UT a degree of sidereal time
 _BESIDE = 64  # rows nearby in the order of their readings that each is compared with
 
 
@@ -132,6 +136,41 @@ def _time_unit(time, source):
 
 def _divides(unit, values, error):
     return np.abs(values - unit * np.rint(values / unit)) < error
+
+
+def flag_solved_twice(table):
+    """Leave out the less certain of two solutions of one image: same time, same readings."""
+    columns = table.columns
+    if 'ra_deg' not in columns or not {'time', 'az_enc', 'el_enc'} <= set(columns):
+        return
+    time = columns['time']
+    if 'lst_given' in columns:  # the time is that of the day then
+        time = columns['lst_given'] * _SIDEREAL
+    known = np.abs([time, columns['az_enc'], columns['el_enc']]) < _LARGEST
+    rows = np.flatnonzero((table.reasons == 0) & known.all(axis=0))
+    order = rows[np.argsort(time[rows], kind='stable')]
+    # of many rows only those with a neighbour in time are looked at one by one
+    beside = np.diff(time[order], prepend=-np.inf, append=np.inf) <= _TWIN_TIME
+    order = order[beside[:-1] | beside[1:]]
+    sigma = columns.get('sigma_x', np.zeros(len(time)))
+    kept = order[:1]
+    moved = 0
+    for row in order[1:]:
+        near = [k for k in kept[-8:] if time[row] - time[k] <= _TWIN_TIME]
+        moves = [max(abs((columns['az_enc'][row] - columns['az_enc'][k] + 180.0) % 360.0 - 180.0),
+                     abs(columns['el_enc'][row] - columns['el_enc'][k])) for k in near]
+        twin = next((k for k, far in zip(near, moves) if far <= _TWIN_READING), None)
+        moved += bool(near) and twin is None
+        if twin is None:
+            kept = np.append(kept[-8:], row)
+            continue
+        worse, better = (row, twin) if sigma[row] >= sigma[twin] else (twin, row)
+        table.exclude_row(worse, f'a second solution of the image of row {table.lines[better]}')
+        if worse == twin:
+            kept = np.append(kept[kept != twin], row)
+    if moved:
+        table.meta['notes'].append(f'{moved} rows have the time of another row and other readings '
+                                   'of the encoders: one of the two is not of that time')
 
 
 def without_copies(runs, seen=()):

@@ -28,6 +28,7 @@ from . import formats
 from .columns import axis_places, checks, hints, solve_columns
 from .columns.cell_values import is_number
 from .columns.run_table import content, read_lines
+from .copies import flag_solved_twice
 from .formats.images import read_images
 
 _MODULES = [import_module(f'{formats.__name__}.{module.name}')
@@ -131,7 +132,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     mount = _settle_mount(path, table, mount)
     checks.refuse_radians(path, table)
     solve_columns.take_sigma(table)
-    solve_columns.flag_twice(table)
+    flag_solved_twice(table)
     solve_columns.flag_scales(table)
     checks.to_si(columns)
     checks.flag_numbers(table)

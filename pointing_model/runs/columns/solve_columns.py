@@ -12,20 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What solutions of images bring beside their places: sigma, scale, copies."""
+"""What solutions of images bring beside their places: sigma and scale."""
 
 import numpy as np
 
 from pointing_model.sky.places import icrs_to_observed
 
-_SAME_TIME = 1e-3  # s
-_SAME_READING = 0.02 / 3600.0  # deg
 #: part by which the scale of a solution may differ from the others'
 _SCALE = 0.03
 _LIKE = 0.005  # of scales of one other camera, or binning
 _HOURS = 24.0
-_LARGEST = 1e12
-_SIDEREAL = 239.3447  # s of UT a degree of sidereal time
 _FEW = 8
 SCALE, PARITY, SIGMA = 'scale_arcsec_px', 'parity', 'sigma_arcsec'
 
@@ -60,41 +56,6 @@ def take_sigma(table):
     table.exclude(~(sigma > 0.0), f'{SIGMA} is not positive')
     columns['sigma_x'], columns['sigma_y'] = sigma, sigma.copy()
     table.meta['solver_sigma'] = True
-
-
-def flag_twice(table):
-    """Leave out the less certain of two solutions of one image: same time, same readings."""
-    columns = table.columns
-    if 'ra_deg' not in columns or not {'time', 'az_enc', 'el_enc'} <= set(columns):
-        return
-    time = columns['time']
-    if 'lst_given' in columns:  # the time is that of the day then
-        time = columns['lst_given'] * _SIDEREAL
-    known = np.abs([time, columns['az_enc'], columns['el_enc']]) < _LARGEST
-    rows = np.flatnonzero((table.reasons == 0) & known.all(axis=0))
-    order = rows[np.argsort(time[rows], kind='stable')]
-    # of many rows only those with a neighbour in time are looked at one by one
-    beside = np.diff(time[order], prepend=-np.inf, append=np.inf) <= _SAME_TIME
-    order = order[beside[:-1] | beside[1:]]
-    sigma = columns.get('sigma_x', np.zeros(len(time)))
-    kept = order[:1]
-    moved = 0
-    for row in order[1:]:
-        near = [k for k in kept[-8:] if time[row] - time[k] <= _SAME_TIME]
-        moves = [max(abs((columns['az_enc'][row] - columns['az_enc'][k] + 180.0) % 360.0 - 180.0),
-                     abs(columns['el_enc'][row] - columns['el_enc'][k])) for k in near]
-        twin = next((k for k, far in zip(near, moves) if far <= _SAME_READING), None)
-        moved += bool(near) and twin is None
-        if twin is None:
-            kept = np.append(kept[-8:], row)
-            continue
-        worse, better = (row, twin) if sigma[row] >= sigma[twin] else (twin, row)
-        table.exclude_row(worse, f'a second solution of the image of row {table.lines[better]}')
-        if worse == twin:
-            kept = np.append(kept[kept != twin], row)
-    if moved:
-        table.meta['notes'].append(f'{moved} rows have the time of another row and other readings '
-                                   'of the encoders: one of the two is not of that time')
 
 
 def flag_scales(table):
