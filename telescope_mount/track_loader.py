@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.analysis.satellites.track_faults import elements_age
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ, is_beyond, parse_mount, through_pole
 from pointing_model.runs.columns.cell_values import CLOCK, day_unit
@@ -59,7 +60,7 @@ class MeasuredTracks:
     weather : Weather
         Pressure and temperature of each row.
     mount : Mount
-    notes : list of str
+    notes : list of str or Finding
     """
 
     columns: dict
@@ -149,7 +150,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     own = {key: joined.get(name, unknown) for name, key in _AIR}
     air = replace(base, **{key: np.where(np.isfinite(of), of, getattr(base, key))
                            for key, of in own.items()})
-    notes += orbits.notes + [age_note(orbit, joined['time'][np.concatenate(names) == one])
+    notes += orbits.notes + [elements_age(orbit, joined['time'][np.concatenate(names) == one])
                              for one, orbit in found.items() if not orbit.precise]
     return MeasuredTracks(joined, np.concatenate(names), found, site, air, frame, notes)
 
@@ -315,12 +316,3 @@ def _joined(parts):
 def _air_of(weather, rows):
     return replace(weather, pressure_hpa=weather.pressure_hpa[rows],
                    temperature_c=weather.temperature_c[rows])
-
-
-def age_note(orbit, time):
-    """How old elements are at some times, shape (n,), and what errors are to be expected."""
-    days = (time.mean() - orbit.epoch) / 86400.0
-    return (f'elements of {orbit.name} are {abs(days):.1f} days '
-            f'{"old" if days >= 0.0 else "younger than the track"}: errors of '
-            f'{float(np.max(orbit.sigma(time))) / 1e3:.1f} km are to be expected; take a precise '
-            'orbit if there is one')

@@ -60,7 +60,14 @@ def _stamps(found):
             f'{found.after:.0f}" without that; give UTC')
 
 
+def _old_elements(found):
+    age = 'old' if found.size >= 0.0 else 'younger than the track'
+    return (f'elements of {found.causes[0]} are {abs(found.size):.1f} days {age}: errors of '
+            f'{found["error_km"]:.1f} km are to be expected; take a precise orbit if there is one')
+
+
 KINDS = {
+    'old elements': _old_elements,
     'orbit wrong': lambda found: (
         f'The orbit of {found.causes[0]} is wrong along the track '
         f'({_percent(found.size)}): its rows are left out'),

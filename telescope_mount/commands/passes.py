@@ -49,6 +49,8 @@ def run(args):
     """Read, search, print."""
     import numpy as np
 
+    from calibration.analysis.satellites.track_faults import elements_age
+    from calibration.report.wording import wording
     from msg_tools.iso_time import iso_seconds
     from msg_tools.units import DEG
     from pointing_model.mounts import parse_mount
@@ -57,7 +59,6 @@ def run(args):
 
     from ..guard.limits import Axis
     from ..observing.pass_forecast import pass_forecasts
-    from ..track_loader import age_note
     from .console import new_console, print_lines, write_outputs
     if args.latitude is None or args.longitude is None:
         raise ValueError('passes are over a site: give --latitude and --longitude')
@@ -70,7 +71,7 @@ def run(args):
         start = iso_seconds(args.date) if args.date else max(
             orbit.begin, getattr(orbit, 'epoch', orbit.begin))
         if not orbit.precise:
-            ages.append(age_note(orbit, np.array([start, start + 3600.0 * args.hours])))
+            ages.append(elements_age(orbit, np.array([start, start + 3600.0 * args.hours])))
         found += pass_forecasts(orbit, start, args.hours, site, mount=mount, axes=axes,
                                 low=args.lowest * DEG, dark=not args.day_too)
     found.sort(key=lambda one: one.start)
@@ -81,7 +82,7 @@ def run(args):
     if not found:
         console.print('no pass in these hours' + ('' if args.day_too else ' that is in the Sun, '
                                                   'at night: --day-too has all'))
-    print_lines(console, 'note', [*orbits.notes, *ages])
+    print_lines(console, 'note', [*orbits.notes, *map(wording, ages)])
     write_outputs(console, args, [one.document() for one in found], 'passes')
 
 

@@ -20,6 +20,7 @@ in turn may be off along its track, constantly or as it goes, by any size: how l
 then, whatever mount, clock and orbits are, is compared with that of no orbit being wrong. Half of
 the prior is that none is. One that takes nearly all of the chance is left out, and the others are
 looked at again; where several share it, they are named as such, and the fit is the mean over them.
+How old elements are, and what they may err by, is told too.
 """
 
 from collections import Counter
@@ -45,6 +46,13 @@ _LEAST, _PASSES = 2, 2
 _FAR, _GROSS = 6.0, 500.0 * ARCSEC
 #: part of its rows without which a pass tells nothing
 _MOST_LOST = 0.5
+
+
+def elements_age(orbit, time):
+    """A Finding: how old elements are at some times, shape (n,), and by how much they may err."""
+    return Finding('old elements', (time.mean() - orbit.epoch) / 86400.0, unit='days',
+                   causes=(orbit.name,),
+                   evidence={'error_km': float(np.max(orbit.sigma(time))) / 1e3})
 
 
 def fault_chances(tracks, **options):
