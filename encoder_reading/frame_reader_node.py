@@ -26,9 +26,10 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
 from msg_tools.power_on import PowerOns
 
+from .angle_output import AngleOutput, Batch
 from .axis_reader import AxisReader
 from .design import UNITS, Design, disc_of
-from .messages import AngleOutput, Batch, read_frame
+from .frame_messages import read_frame
 
 
 def _param(axis, item):

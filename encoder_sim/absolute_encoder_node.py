@@ -22,7 +22,8 @@ import math
 
 import numpy as np
 
-from encoder_reading.messages import AngleOutput, Batch, frame_message
+from encoder_reading.angle_output import AngleOutput, Batch
+from encoder_reading.frame_messages import frame_message
 from msg_tools import convert, topics
 from msg_tools.node import Param
 from msg_tools.power_on import PowerOn, power_on_message, since

@@ -24,9 +24,9 @@ from places import ROOT
 
 from encoder_reading.axis_reader import AxisReader
 from encoder_reading.design import Design
+from encoder_reading.frame_messages import frame_message, read_frame
 from encoder_reading.frame_reader_node import DESIGN_PARAMS, PARAMS, FrameReader
 from encoder_reading.frame_readings import CORRECTED, EXACT, REJECTED
-from encoder_reading.messages import frame_message, read_frame
 from encoder_sim.absolute import AbsoluteEncoder
 from encoder_sim.absolute_encoder_node import AbsoluteEncoders
 from encoder_sim.scenario_file import load_scenario

@@ -523,7 +523,8 @@ def test_algorithms_know_no_ros():
     nodes = {ROOT / (module.replace('.', '/') + '.py') for module in NODES.values()}
     # what turns messages and parameters into arrays, and back
     glue = {ROOT / f'{name}.py' for name in (
-        'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky/sky_params',
+        'encoder_sim/device_params', 'encoder_reading/angle_output',
+        'encoder_reading/frame_messages', 'pointing_model/sky/sky_params',
         'pointing_model/runs/run_messages', 'pointing_model/calibration_messages',
         'pointing_model/active_topics', 'calibration/calibration_params')}
     for path in sources('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration'):

@@ -19,20 +19,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 
 from encoder_reading.axis_reader import AxisReader
 from encoder_reading.design import Design
-from encoder_reading.messages import Batch, frame_message, read_frame
-
-
-def test_what_comes_at_once_is_done_together():
-    done = []
-    batch = Batch(done.append, lambda: 4)
-    batch.finish()
-    assert done == []
-    for i in range(10):
-        batch.add(i)
-    assert done == []
-    batch.finish()
-    batch.finish()
-    assert done == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9]]
+from encoder_reading.frame_messages import frame_message, read_frame
 
 
 def test_frames_there_and_back():
