@@ -26,8 +26,7 @@ import argparse
 import numpy as np
 from diagnosis import Table
 
-from calibration.analysis.zero.zero_causes import Season, zero_causes
-from calibration.estimation.covariate_choice import ALPHA
+from calibration.analysis.zero.zero_causes import ZERO_ALPHA, Season, zero_causes
 from msg_tools.units import ARCSEC
 
 NIGHTS = 11
@@ -147,7 +146,7 @@ def false_rows(table, args, rng):
             documents = [trial(rng, args.nights, kind, daily, leave_out=False)[0]
                          for _ in range(args.seasons)]
             false = sum(d['verdict'] == 'cause' for d in documents)
-            levels = sum(min(axis['p_levels'] for axis in d['axes'].values()) <= ALPHA
+            levels = sum(min(axis['p_levels'] for axis in d['axes'].values()) <= ZERO_ALPHA
                          for d in documents)
             undecided = sum(d['verdict'] == 'undecided' for d in documents)
             table.row(f'{kind}, {what}: a cause', share(false, args.seasons), '<= 2 %',

@@ -39,8 +39,6 @@ import numpy as np
 
 from .step_scan import two_sided
 
-#: chance that a series which follows nothing is given a cause
-ALPHA = 0.02
 #: covariates that are tried at once: two, of a dozen epochs
 MOST = 2
 #: equal up to rounding counts as reached
@@ -82,7 +80,7 @@ def fewest_epochs(alpha):
     return n
 
 
-def choose_covariates(series, covariates, when, alpha=ALPHA, count=999, seed=1):
+def choose_covariates(series, covariates, when, alpha, count=999, seed=1):
     """What the series of both axes follow.
 
     Parameters

@@ -23,7 +23,7 @@ from pointing_model.model import PointingModel
 
 from ..finding import Finding
 from ..tracking.history import PAST, RATES, past_of_runs, rates_of_nights
-from .season_causes import ALPHA, candidates, choose_causes
+from .season_causes import SEASON_ALPHA, candidates, choose_causes
 from .season_filter import (
     NightlyTerms,
     SeasonPath,
@@ -136,7 +136,7 @@ class SeasonAnalysis:
             'notes': [*self.season.notes, *self.notes]}
 
 
-def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA):
+def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=SEASON_ALPHA):
     """Find what moves the terms of a season, and foretell a night.
 
     Parameters

@@ -28,7 +28,7 @@ from .season_filter import fit_variation
 
 #: threshold of the chance below, which is too small where nights are few: so 1 season of 100 that
 #: has no cause shows one (docs/season.md)
-ALPHA = 0.002
+SEASON_ALPHA = 0.002
 #: nights on either side of a step that nobody has declared, and of one that somebody has
 _BESIDE, _BESIDE_DECLARED = 2, 1
 #: candidates that are looked at closely
@@ -167,7 +167,7 @@ def candidates(season, day, declared=()):
     return out
 
 
-def choose_causes(terms, candidates, alpha=ALPHA):
+def choose_causes(terms, candidates, alpha=SEASON_ALPHA):
     """Add causes one after the other while each is beyond chance.
 
     Parameters

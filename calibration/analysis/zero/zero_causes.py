@@ -27,12 +27,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
-from ...estimation.covariate_choice import (
-    ALPHA,
-    CovariateChoice,
-    choose_covariates,
-    fewest_epochs,
-)
+from ...estimation.covariate_choice import CovariateChoice, choose_covariates, fewest_epochs
 from ...estimation.step_scan import student_factor
 from ..finding import Finding
 
@@ -44,6 +39,8 @@ COVARIATES = {
     'hours': ('h', 0.1),
     'side': ('side', 0.1),
 }
+#: chance that zeros which follow nothing are given a cause
+ZERO_ALPHA = 0.02
 CAUSE, INCONCLUSIVE, NOTHING = 'cause', 'undecided', 'nothing'
 #: unknown in more of the nights than this share, a covariate is not tried
 _UNKNOWN = 0.3
@@ -244,7 +241,7 @@ def _left_out(season, names, alpha, seed):
     return before, after
 
 
-def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
+def zero_causes(season, tonight=None, alpha=ZERO_ALPHA, *, leave_out=True, seed=1):
     """What the zeros of the power-ons follow, and the zero to be expected tonight.
 
     Parameters

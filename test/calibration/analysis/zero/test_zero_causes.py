@@ -21,8 +21,8 @@ import numpy as np
 import pytest
 
 from calibration.analysis.zero import zero_causes as analysis
-from calibration.analysis.zero.zero_causes import Season, usable_covariates
-from calibration.estimation.covariate_choice import ALPHA, choose_covariates, fewest_epochs
+from calibration.analysis.zero.zero_causes import ZERO_ALPHA, Season, usable_covariates
+from calibration.estimation.covariate_choice import choose_covariates, fewest_epochs
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 
@@ -54,7 +54,7 @@ def names(found, axis):
 
 def test_temperature_and_supply_are_found_with_their_slopes():
     found = zero_causes(season(1, slope=3.0, volts=200.0, n=13))
-    assert found['verdict'] == 'cause' and found['p'] <= ALPHA
+    assert found['verdict'] == 'cause' and found['p'] <= ZERO_ALPHA
     assert names(found, 'azimuth') == ['temperature'] and names(found, 'elevation') == ['supply']
     for axis, true in (('azimuth', 3.0), ('elevation', 200.0)):
         cause = found['axes'][axis]['causes'][0]
@@ -102,7 +102,7 @@ def test_covariates_that_changed_together_are_not_distinguished():
 def test_p_is_exact_over_all_orders_of_six_nights():
     rng = np.random.default_rng(7)
     zeros, covariates = rng.normal(size=(6, 2)), rng.normal(size=(1, 6, 1)) * np.ones(2)
-    p = choose_covariates(zeros, covariates, np.arange(6.0)).p_levels
+    p = choose_covariates(zeros, covariates, np.arange(6.0), ZERO_ALPHA).p_levels
 
     def best(z):
         return max(abs(np.corrcoef(z[:, k], covariates[0, :, 0])[0, 1]) for k in range(2))
@@ -230,7 +230,7 @@ def test_what_a_covariate_explains_is_not_odd():
 def test_too_few_nights_are_said(n):
     found = zero_causes(season(1, n=n, slope=3.0, noise=0.1), {'temperature': [3.0, 3.0]})
     assert found['verdict'] == 'nothing' and f'{n} power-ons' in found['text']
-    assert f'takes {fewest_epochs(ALPHA)}' in found['text']
+    assert f'takes {fewest_epochs(ZERO_ALPHA)}' in found['text']
     assert (found['tonight'] is None) == (n < 2)
 
 
