@@ -36,10 +36,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from calibration.analysis.term_fit import fit_terms
+from encoder_sim.azimuth_track import Wobble
 from encoder_sim.mount_geometry import (
     MountErrors,
     MountGeometry,
-    Wobble,
     azimuth_elevation,
     direction,
 )

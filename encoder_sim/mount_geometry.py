@@ -31,77 +31,16 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 
-from msg_tools.units import wrap
 from pointing_model.mounts import parse_mount
 from pointing_model.sky.site import DEFAULT_SITE
 
+from .azimuth_track import AzimuthTrack, Bump, Runout, Wobble
 from .field_kinds import choice, number, pier_only, section, sections, term, text
 from .loose_parts import Cables, Flop, Focuser, Secondary, Yielding
-from .seeing import ar_noise
 
 RIGHT, FORWARD, UP = 0, 1, 2
 _DOWN = np.array([0.0, 0.0, -1.0])
 _FREE, _STIFF, _FIRM = Cables(), Focuser(), Secondary()
-
-
-@dataclass(frozen=True)
-class Wobble:
-    """One harmonic of the azimuth bearing: the axis leans by amplitude * cos(k A - phase).
-
-    ``lean`` is the side towards which it leans, as seen by the tube: ``forward``, where the tube
-    points, or ``left`` of it.
-    """
-
-    per_turn: int = number(1, '', 1, 100, kind=int)
-    lean: str = choice('forward', 'forward', 'left')
-    amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
-    phase: float = number(0.0, 'deg', -360.0, 360.0)
-
-
-@dataclass(frozen=True)
-class Bump:
-    """A bump of the azimuth track: where the tube points over it, the axis leans by `amplitude`.
-
-    It falls off on both sides as a Gaussian of 1-sigma `width`; ``lean`` as for `Wobble`. Of
-    `count` equal joints in a turn one is `at`.
-    """
-
-    at: float = number(0.0, 'deg', -360.0, 360.0)
-    width: float = number(10.0, 'deg', 0.1, 180.0)
-    count: int = number(1, '', 1, 100, kind=int)
-    lean: str = choice('forward', 'forward', 'left')
-    amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
-
-
-@dataclass(frozen=True)
-class Runout:
-    """Non-repetitive run-out of the azimuth bearing: a lean that no turn of the axis repeats.
-
-    Balls that are not alike go round with their cage, (1 - d / D cos a) / 2 times a turn of the
-    axis for balls of diameter d on a circle D at contact angle a (T. A. Harris, Rolling Bearing
-    Analysis, ch. 25), and slip. ISO 230-7 and ASME B89.3.4 call it asynchronous error motion.
-
-    Attributes
-    ----------
-    per_turn : float
-        Periods in a turn of the axis: 0.4 to 0.45 for the cage, that times the number of balls
-        for their passing.
-    lean : {'forward', 'left'}
-        As for `Wobble`.
-    amplitude, phase : float
-        rad.
-    slip : float
-        1-sigma by which the balls are ahead or behind in phase, rad,
-    slip_time : float
-        and the time after which they have forgotten it, s.
-    """
-
-    per_turn: float = number(0.43, '', 0.01, 1000.0)
-    lean: str = choice('forward', 'forward', 'left')
-    amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
-    phase: float = number(0.0, 'deg', -360.0, 360.0)
-    slip: float = number(0.0, 'deg', 0.0, 3600.0)
-    slip_time: float = number(0.5, 'h', 1e-3, 1000.0)
 
 
 @dataclass(frozen=True)
@@ -290,9 +229,7 @@ class MountGeometry:
         self._orientation = None if orientation.vertical else np.array(orientation.frame).T
         self._zenith = np.array(orientation.zenith)
         self.start = start
-        self._slips = [
-            ar_noise(part.slip_time, seed, 'bearing', f'slip {i}') if part.slip > 0.0 else None
-            for i, part in enumerate(mount.runouts)]
+        self._track = AzimuthTrack(mount.wobble, mount.bumps, mount.runouts, seed)
 
     def _drifted(self, name, time, temperature):
         mount = self.mount
@@ -347,8 +284,10 @@ class MountGeometry:
             side = self._counterweight(azimuth, raised)
             aw = aw - mount.counterweight_west * side
             an = an + mount.counterweight_meridian * side
-        if mount.wobble or mount.bumps or mount.runouts:
-            azimuth = azimuth @ self._bearing(turned, time)
+        if not self._track.perfect:
+            left, forward = self._track.leans(
+                turned, None if time is None else np.asarray(time) - self.start)
+            azimuth = azimuth @ _lean(-left, forward)
         if mount.fork_sag:
             azimuth = azimuth @ self._fork(azimuth)
         # up of the first axis in its frame is leant towards x (-aw) and y (an): east and north
@@ -387,20 +326,6 @@ class MountGeometry:
     def _cantilever(self, carried):
         """The end of the second axis that carries the tube, in ENU."""
         return _by_vector(self.mount.declination_axis_sag * np.cross(-carried[..., RIGHT], _DOWN))
-
-    def _bearing(self, turned, time):
-        leans = {'forward': np.zeros_like(turned), 'left': np.zeros_like(turned)}
-        for part in self.mount.wobble:
-            leans[part.lean] += part.amplitude * np.cos(part.per_turn * turned - part.phase)
-        for bump in self.mount.bumps:
-            away = wrap(bump.count * (turned - bump.at)) / bump.count
-            leans[bump.lean] += bump.amplitude * np.exp(-0.5 * (away / bump.width) ** 2)
-        for part, slip in zip(self.mount.runouts, self._slips):
-            phase = part.per_turn * turned - part.phase
-            if slip is not None and time is not None:
-                phase = phase + part.slip * slip.at(np.asarray(time) - self.start)
-            leans[part.lean] += part.amplitude * np.cos(phase)
-        return _lean(-leans['left'], leans['forward'])
 
     @staticmethod
     def _sag(tube, tf):

@@ -214,7 +214,7 @@ TABLES = {
     'mounts': Table('mounts.md', 'benchmarks/simulated_mounts.py',
                     ('pointing_model/*.py', 'pointing_model/effects', 'calibration/estimation',
                      'calibration/analysis/diagnosis', 'encoder_sim/mount_geometry.py',
-                     'benchmarks/simulated_mounts.py')),
+                     'encoder_sim/azimuth_track.py', 'benchmarks/simulated_mounts.py')),
     'encoder': Table('absolute_encoder.md', 'benchmarks/absolute_encoder.py --only bound total',
                      ('encoder_reading', 'encoder_sim/ccd.py', 'benchmarks/absolute_encoder.py'),
                      keep='px a bar|bound, scale|sigma,|total RMS|paper',

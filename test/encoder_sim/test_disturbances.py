@@ -19,13 +19,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from encoder_sim.azimuth_track import Runout
 from encoder_sim.drives import Drives, ShaftCouplings
 from encoder_sim.mount import RESTLESS_RATE, SimulatedMount
 from encoder_sim.mount_geometry import (
     FORWARD,
     MountErrors,
     MountGeometry,
-    Runout,
     azimuth_elevation,
     bent,
     direction,

@@ -17,13 +17,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from encoder_sim.azimuth_track import Wobble
 from encoder_sim.mount_geometry import (
     FORWARD,
     RIGHT,
     UP,
     MountErrors,
     MountGeometry,
-    Wobble,
     azimuth_elevation,
     direction,
 )

@@ -22,8 +22,9 @@ from simulated import FAST
 
 from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.report.diagnosis_view import view_of
+from encoder_sim.azimuth_track import Bump
 from encoder_sim.incremental import IncrementalEncoder
-from encoder_sim.mount_geometry import Bump, MountErrors, MountGeometry, azimuth_elevation
+from encoder_sim.mount_geometry import MountErrors, MountGeometry, azimuth_elevation
 from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import Amount
