@@ -15,13 +15,13 @@
 """The one description of the graph: which nodes there are, and with which parameters.
 
 `telescope-mount` starts it with processes of its own, `launch/night.launch.py` with ROS launch.
+That beside the mount of a server is `server_night.server_graph`.
 """
 
 import math
 from dataclasses import dataclass, field
 
 from msg_tools import NAMESPACE
-from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import parse_mount
 from telescope_mount.observing.plan import parse_plan
 
@@ -86,17 +86,18 @@ class NodeSpec:
         return f'{NAMESPACE}/{self.name}'
 
 
-def _known(sky, names):
+def given_of(sky, names):
+    """Those of the parameters `names` of site and weather that are given."""
     return {name: sky[name] for name in names if name in sky}
 
 
-def _of_pass(plan):
+def pass_of(plan):
     """The satellite of a plan's passes, which the simulated sky must have."""
     found = [step.what for step in parse_plan(plan) if step.verb == 'pass'] if plan else []
     return found[0] if found else ''
 
 
-def _mode(plan):
+def mode_of(plan):
     """Of the calibration: a plan that has the step `track` needs a model after each star."""
     tracks = plan and any(step.verb == 'track' for step in parse_plan(plan))
     return {'mode': 'track'} if tracks else {}
@@ -157,13 +158,13 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         {'start_time': start_time} if start_time else {})
     parameters = {
         # live, the servo and the camera need more than the few samples around an exposure
-        'mount_simulator': simulator | {'time_scale': time_scale} | _known(sky, SITE[:1]) | (
+        'mount_simulator': simulator | {'time_scale': time_scale} | given_of(sky, SITE[:1]) | (
             {'sample_rate_hz': sample_rate_hz} if sample_rate_hz
             else {'sample_rate_hz': 10.0} if time_scale else {}),
         'incremental_encoder': dict(simulator),
         'absolute_encoder': simulator | ({'publishes': 'frames'} if absolute == 'frames' else {}),
         'frame_reader': every_frame(namespace) | {'mount': parse_mount(mount, 0.0).kind},
-        'camera': simulator | sky | {'satellite': satellite or _of_pass(plan)},
+        'camera': simulator | sky | {'satellite': satellite or pass_of(plan)},
         # a simulated mount has no cables, and without time scale its time waits for events
         'mount_guard': {
             'use_sim_time': True, 'mount': mount, 'first_rate_deg_s': 6.0,
@@ -177,7 +178,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
                'behind_deg': min(2.0 + 3.0 * time_scale, 180.0)} | _simulated_site()
               if time_scale else {'renew_s': 0.0}) | (
             {'first_travel_deg': '-36000,36000'} if altaz
-            else {'second_travel_deg': '-90,270'} if below else {}) | _known(sky, SITE),
+            else {'second_travel_deg': '-90,270'} if below else {}) | given_of(sky, SITE),
         'star_observer': {
             'use_sim_time': True, 'renew_request_s': 0.2 if time_scale else 0.0,
             'star_seed': seed, 'model_file': model_file,
@@ -187,7 +188,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
         'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed,
                         'reference_age': reference_age,
-                        'graduation': GRATING} | kept | _mode(plan) | (calibration or {}),
+                        'graduation': GRATING} | kept | mode_of(plan) | (calibration or {}),
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     shared = {} if time_scale else dict.fromkeys(IN_TURN, 'telescope')
@@ -205,83 +206,6 @@ def every_frame(namespace=NAMESPACE):
     """A camera's images may be lost on the way; those of a simulated encoder must not be."""
     return {f'qos_overrides.{namespace}/absolute/frame.subscription.{policy}': value
             for policy, value in (('reliability', 'reliable'), ('depth', 5000))}
-
-
-#: beside the mount of a server and what tells where it looks
-BESIDE = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
-
-
-#: of a simulator that is asked where it looks between its readings, s: so long the axes must rest
-REST_BEFORE_POLL = 0.5
-
-
-def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=False,
-                 exposure=0.0, seed=1, plan='', model_file='', first_run=1, state_file='',
-                 calibration=None, slews=None):
-    """The nodes of a night on a mount of a server, on the clock of this machine.
-
-    Parameters
-    ----------
-    bag : str
-        Folder of the log, which must not exist.
-    server : dict
-        Parameters of the nodes of the bridge: `host`, `port`, `device` or `number`.
-    mount : str
-        Its kind, see `pointing_model.mounts.parse_mount`.
-    sky : dict
-        Parameters of site and weather (`latitude_deg`, ...), for all.
-    protocol : {'indi', 'alpaca'}
-    camera : dict, optional
-        Parameters of `indi_sky`, `host`, `port` and `camera`, where a camera sees the sky; by
-        default a simulator tells where it looks.
-    seen : bool
-        A driver of the user's publishes what is seen; no node of the bridge does.
-    exposure : float
-        Of the camera or driver, s; see `real_graph`.
-    seed : int
-        Of the choice of stars, and the noise of what is seen.
-    plan, model_file, first_run, calibration
-        As of `night_graph`.
-    state_file : str
-        As of `real_graph`.
-    slews : dict, optional
-        Parameters of the guard where it is known how the driver slews; by default nothing is.
-
-    Returns
-    -------
-    list of NodeSpec
-    """
-    bridge = dict(sky) | {'mount': mount}
-    parameters = {f'{protocol}_mount': dict(server) | bridge}
-    if camera:
-        parameters['indi_sky'] = camera | bridge | ({'exposure_s': exposure} if exposure else {})
-    elif not seen:
-        parameters[f'{protocol}_sky'] = dict(server) | bridge | {
-            'seed': seed, 'satellite': _of_pass(plan)}
-        exposure = REST_BEFORE_POLL if protocol == 'alpaca' else 0.0  # at the readings of INDI's
-    names = *parameters, *BESIDE
-    parameters |= {
-        'mount_guard': {'mount': mount, 'goto': True, 'park_deg': KINDS[mount].park_deg,
-                        # a driver stops a moment after it is told
-                        'request_timeout_s': 0.35} | (
-            # none is sent places beyond the zenith
-            {'second_travel_deg': '-5,89'} if KINDS[mount].vertical else {}) | (
-            slews or {'slew_timing': 0.0}) | _known(sky, SITE),
-        'star_observer': {
-            'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
-            'state_file': state_file,
-            # the driver chooses its side at the meridian by itself
-            'absolute_encoder': False, 'meridian_limit_deg': 0.0,
-            # it comes to rest beside the star first, and is sent on
-            'on_target_arcsec': 3.0, 'renew_request_s': 0.1, 'exposure_s': exposure,
-            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
-        } | ({'plan': plan} if plan else {}) | sky,
-        'pointing_corrector': {'model_file': model_file},
-        'calibration': {'model_file': model_file, 'split_seed': seed} | _mode(plan) | (
-            calibration or {}),
-        'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
-    }
-    return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
 
 
 #: all but the hardware, whose drivers take the place of the simulator's nodes
@@ -315,14 +239,14 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     """
     sky = dict(sky or {})
     parameters = {
-        'mount_guard': {'mount': mount, 'autostart': autostart} | _known(sky, SITE),
+        'mount_guard': {'mount': mount, 'autostart': autostart} | given_of(sky, SITE),
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
             'inclinometer': inclinometer, 'exposure_s': exposure, 'state_file': state_file,
             'wait_for_nodes': [f'{namespace}/{name}' for name in REAL],
         } | ({'plan': plan} if plan else {}) | sky,
         'pointing_corrector': {'model_file': model_file},
-        'calibration': {'model_file': model_file} | _mode(plan) | (calibration or {}),
+        'calibration': {'model_file': model_file} | mode_of(plan) | (calibration or {}),
         'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in REAL]

@@ -18,10 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msg_tools import NAMESPACE
+from pointing_model.mount_kinds import KINDS
 from pointing_model.sky.site import DEFAULT_SITE, SITE
 from telescope_mount.bridges.connection import PORTS, BridgeError, parse_address
 
-from .graph import server_graph
+from .graph import NODES, TRUTH, NodeSpec, given_of, mode_of, pass_of
 
 #: how the simulators slew, for the guard: both axes at once, and at once at full speed
 SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_acceleration_deg_s2': 60.0,
@@ -29,6 +31,10 @@ SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_accelerat
 #: INDI's own one turns its hour angle about +90 degrees, and never passes -90 (`rotateCentre` in
 #: drivers/telescope/scopesim_helper of 1.9.9): to a star beyond it goes the long way round
 INDI_FORK = {'first_travel_deg': '-88,178'}
+#: beside the mount of a server and what tells where it looks
+BESIDE = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
+#: of a simulator that is asked where it looks between its readings, s: so long the axes must rest
+REST_BEFORE_POLL = 0.5
 #: stars of the blind check, of those that are fitted
 CHECKED = 4
 
@@ -174,7 +180,7 @@ def nodes_of(found, *, plan, camera='', drivers=(), exposure=1.0, **graph):
     exposure : float
         Of the camera, s; no matter where a simulator tells where it looks.
     **graph
-        As of `graph.server_graph`.
+        As of `server_graph`.
 
     Returns
     -------
@@ -188,3 +194,72 @@ def nodes_of(found, *, plan, camera='', drivers=(), exposure=1.0, **graph):
         camera=parse_camera(camera) if camera else {}, seen=bool(drivers),
         exposure=exposure if camera or drivers else 0.0,
         slews=slews, **graph)
+
+
+def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=False,
+                 exposure=0.0, seed=1, plan='', model_file='', first_run=1, state_file='',
+                 calibration=None, slews=None):
+    """The nodes of a night on a mount of a server, on the clock of this machine.
+
+    Parameters
+    ----------
+    bag : str
+        Folder of the log, which must not exist.
+    server : dict
+        Parameters of the nodes of the bridge: `host`, `port`, `device` or `number`.
+    mount : str
+        Its kind, see `pointing_model.mounts.parse_mount`.
+    sky : dict
+        Parameters of site and weather (`latitude_deg`, ...), for all.
+    protocol : {'indi', 'alpaca'}
+    camera : dict, optional
+        Parameters of `indi_sky`, `host`, `port` and `camera`, where a camera sees the sky; by
+        default a simulator tells where it looks.
+    seen : bool
+        A driver of the user's publishes what is seen; no node of the bridge does.
+    exposure : float
+        Of the camera or driver, s; see `graph.real_graph`.
+    seed : int
+        Of the choice of stars, and the noise of what is seen.
+    plan, model_file, first_run, calibration
+        As of `graph.night_graph`.
+    state_file : str
+        As of `graph.real_graph`.
+    slews : dict, optional
+        Parameters of the guard where it is known how the driver slews; by default nothing is.
+
+    Returns
+    -------
+    list of NodeSpec
+    """
+    bridge = dict(sky) | {'mount': mount}
+    parameters = {f'{protocol}_mount': dict(server) | bridge}
+    if camera:
+        parameters['indi_sky'] = camera | bridge | ({'exposure_s': exposure} if exposure else {})
+    elif not seen:
+        parameters[f'{protocol}_sky'] = dict(server) | bridge | {
+            'seed': seed, 'satellite': pass_of(plan)}
+        exposure = REST_BEFORE_POLL if protocol == 'alpaca' else 0.0  # at the readings of INDI's
+    names = *parameters, *BESIDE
+    parameters |= {
+        'mount_guard': {'mount': mount, 'goto': True, 'park_deg': KINDS[mount].park_deg,
+                        # a driver stops a moment after it is told
+                        'request_timeout_s': 0.35} | (
+            # none is sent places beyond the zenith
+            {'second_travel_deg': '-5,89'} if KINDS[mount].vertical else {}) | (
+            slews or {'slew_timing': 0.0}) | given_of(sky, SITE),
+        'star_observer': {
+            'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
+            'state_file': state_file,
+            # the driver chooses its side at the meridian by itself
+            'absolute_encoder': False, 'meridian_limit_deg': 0.0,
+            # it comes to rest beside the star first, and is sent on
+            'on_target_arcsec': 3.0, 'renew_request_s': 0.1, 'exposure_s': exposure,
+            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
+        } | ({'plan': plan} if plan else {}) | sky,
+        'pointing_corrector': {'model_file': model_file},
+        'calibration': {'model_file': model_file, 'split_seed': seed} | mode_of(plan) | (
+            calibration or {}),
+        'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
+    }
+    return [NodeSpec(name, NODES[name], parameters[name]) for name in names]

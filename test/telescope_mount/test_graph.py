@@ -37,8 +37,8 @@ from telescope_mount.graph import (
     night_graph,
     real_graph,
     replay_graph,
-    server_graph,
 )
+from telescope_mount.server_night import server_graph
 
 #: package -> the packages that it may name: import, or mention as a module or a path in a string
 BELOW = {
