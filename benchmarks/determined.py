@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from calibration.analysis.diagnosis.input_check import check_columns
+from calibration.analysis.diagnosis.mistaken_columns import check_columns
 from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import Mount

@@ -36,12 +36,12 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.diagnosis.diagnosis import diagnose
-from calibration.analysis.diagnosis.input_check import MistakenColumns, check_columns
+from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.runs.columns.checks import NoUsableRow
+from pointing_model.runs.columns.row_checks import NoUsableRow
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_reader import read_run
 

@@ -36,7 +36,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis.input_check import check_columns
+from calibration.analysis.diagnosis.mistaken_columns import check_columns
 from calibration.analysis.term_fit import fit_terms
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap

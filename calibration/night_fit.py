@@ -23,7 +23,7 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, is_for_zero
 from pointing_model.zero_drift import Following
 
-from .analysis.diagnosis.input_check import check_columns
+from .analysis.diagnosis.mistaken_columns import check_columns
 from .analysis.diagnosis.residual_patterns import ResidualRows, jump_findings
 from .analysis.encoders.zero_following import zero_following
 from .analysis.external_check import power_on_check, split_half, ways

@@ -39,7 +39,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from calibration.analysis.diagnosis.diagnosis import diagnose as _diagnose
-from calibration.analysis.diagnosis.input_check import check_columns
+from calibration.analysis.diagnosis.mistaken_columns import check_columns
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
 from calibration.estimation.false_alarms import ALPHA

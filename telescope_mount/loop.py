@@ -182,7 +182,7 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
 
 def _sound_run(file, place):
     """A measured run of which the columns and enough rows can be used."""
-    from calibration.analysis.diagnosis.input_check import check_columns
+    from calibration.analysis.diagnosis.mistaken_columns import check_columns
     from calibration.report.wording import wording
 
     from .run_loader import load_run

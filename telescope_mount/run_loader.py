@@ -19,14 +19,14 @@ from contextlib import suppress
 
 import numpy as np
 
-from calibration.analysis.diagnosis.input_check import check_columns
+from calibration.analysis.diagnosis.mistaken_columns import check_columns
 from calibration.analysis.solve_check import check_solves
 from calibration.report.wording import wording
 from msg_tools import topics
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation, declared_worms
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
-from pointing_model.runs.columns.checks import NoUsableRow
+from pointing_model.runs.columns.row_checks import NoUsableRow
 from pointing_model.runs.columns.run_table import NoObservations
 from pointing_model.runs.copies import copies, without_copies, written_twice
 from pointing_model.runs.row_exclusion import without_excluded

@@ -29,7 +29,7 @@ from pointing_model.zero import NO_ZERO, Zeros
 
 from .diagnosis.base_terms import Base
 from .diagnosis.implausible_terms import suspicious
-from .diagnosis.input_check import ColumnCheck, check_columns
+from .diagnosis.mistaken_columns import ColumnCheck, check_columns
 from .diagnosis.residual_patterns import (
     STEP,
     ResidualRows,

@@ -264,7 +264,7 @@ def _check_frame(run, solved):
 
 def _refuse_others(run, best):
     """Refuse a clock, a site or columns that fit better than another frame does."""
-    from .diagnosis.input_check import MistakenColumns, check_columns
+    from .diagnosis.mistaken_columns import MistakenColumns, check_columns
     try:
         check_columns(run)
     except MistakenColumns as error:

@@ -16,7 +16,7 @@
 
 from dataclasses import dataclass
 
-from calibration.analysis.diagnosis.input_check import ABSURD
+from calibration.analysis.diagnosis.mistaken_columns import ABSURD
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import kind_of
 

@@ -25,7 +25,8 @@ from pointing_model.runs.plate_solves.mapping import looks_like_mapping
 from pointing_model.runs.run import PointingRun, known_site
 
 from . import formats
-from .columns import axis_places, checks, hints, solve_columns
+from .columns import axis_places, hints, row_checks, solve_columns
+from .columns.approach import derive_approach
 from .columns.cell_values import is_number
 from .columns.run_table import content, read_lines
 from .copies import flag_solved_twice
@@ -130,13 +131,13 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     if equinox is not None:
         _settle_equinox(path, table, equinox)
     mount = _settle_mount(path, table, mount)
-    checks.refuse_radians(path, table)
+    row_checks.refuse_radians(path, table)
     solve_columns.take_sigma(table)
     flag_solved_twice(table)
     solve_columns.flag_scales(table)
-    checks.to_si(columns)
-    checks.flag_numbers(table)
-    checks.blank_absurd(table)
+    row_checks.to_si(columns)
+    row_checks.flag_numbers(table)
+    row_checks.blank_absurd(table)
     axis_places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
     axis_places.mount_ascension(path, table)
     if mount.vertical:
@@ -146,11 +147,11 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     axis_places.read_offsets(table)
     if meta['azimuth_origin'] == 'S':
         axis_places.from_south(columns)
-    checks.flag_rows(table, mount)
+    row_checks.flag_rows(table, mount)
     if mount.vertical:
         axis_places.past_zenith(table)
-    checks.derive_approach(table)
-    return PointingRun(checks.finish(path, table), meta)
+    derive_approach(table)
+    return PointingRun(row_checks.finish(path, table), meta)
 
 
 def _settle_mount(path, table, given):

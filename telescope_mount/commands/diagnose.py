@@ -80,7 +80,7 @@ def add(commands):
 
 def run(args):
     """Load, diagnose, print, write."""
-    from calibration.analysis.diagnosis.input_check import MistakenColumns
+    from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns
     try:
         return _run(args)
     except MistakenColumns as error:
@@ -92,7 +92,7 @@ def run(args):
 
 def _run(args):
     from calibration.analysis.diagnosis.diagnosis import diagnose
-    from calibration.analysis.diagnosis.input_check import check_columns
+    from calibration.analysis.diagnosis.mistaken_columns import check_columns
     from calibration.analysis.sky_model import settled_together
     from msg_tools.forks import cores
 

@@ -51,7 +51,7 @@ def add(commands):
 
 def run(args):
     """Load, fit, print, write."""
-    from calibration.analysis.diagnosis.input_check import MistakenColumns
+    from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns
     try:
         _run(args)
     except MistakenColumns as error:

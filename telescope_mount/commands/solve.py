@@ -78,7 +78,7 @@ def run(args):
 
 def _column_doubts(path):
     """Whether clock, site or readings of a run are wrong, and what is reported of them, lines."""
-    from calibration.analysis.diagnosis.input_check import MistakenColumns, check_columns
+    from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
     from calibration.report.wording import wording
 
     from ..run_loader import load_run

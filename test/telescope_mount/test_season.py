@@ -20,7 +20,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.input_check import ColumnCheck
+from calibration.analysis.diagnosis.mistaken_columns import ColumnCheck
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.formats.csv import write_csv

@@ -34,7 +34,7 @@ from .exact_models import exact_fits, exact_models, memory_findings
 from .history_facts import history_findings
 from .holdout import hold_out
 from .implausible_terms import implausible_terms
-from .input_check import check_columns
+from .mistaken_columns import check_columns
 from .next_observations import propose
 from .observations import mount_of, observations
 from .page_figures import add_page_figures
@@ -114,7 +114,7 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     Raises
     ------
     MistakenColumns
-        A ValueError: the columns of a run are not what they are named, see `input_check`.
+        A ValueError: the columns of a run are not what they are named, see `mistaken_columns`.
     ValueError
         Too few usable rows for the base, unknown terms, or a bad option.
     """

@@ -237,7 +237,7 @@ def without_signs(alike, names=ALTAZ.names):
     Parameters
     ----------
     alike : sequence of str
-        As of `input_check.ColumnCheck.alike`.
+        As of `mistaken_columns.ColumnCheck.alike`.
     names : mount_kinds.MountKind
 
     Returns

@@ -21,7 +21,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
-from pointing_model.runs.columns.checks import LOG_OF_AIR
+from pointing_model.runs.columns.row_checks import LOG_OF_AIR
 from pointing_model.runs.copies import SAME
 
 from ..finding import Finding

@@ -26,7 +26,7 @@ from pointing_model.rms import rms
 from pointing_model.runs.columns.column_names import is_cause
 from pointing_model.runs.copies import without_copies
 
-from ..diagnosis.input_check import ColumnCheck, MistakenColumns, check_columns
+from ..diagnosis.mistaken_columns import ColumnCheck, MistakenColumns, check_columns
 from ..finding import Finding
 from ..term_fit import fit_terms
 

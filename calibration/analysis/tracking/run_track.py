@@ -24,7 +24,7 @@ from pointing_model.model import PointingModel
 from pointing_model.rms import rms
 from pointing_model.zero import PowerOnZero
 
-from ..diagnosis.input_check import check_columns
+from ..diagnosis.mistaken_columns import check_columns
 from ..term_fit import fit_terms
 from .smoother import SmoothedNight
 from .tracked_night import TrackedNight, difference_of, lean_of

@@ -23,8 +23,8 @@ from pointing_model.mounts import is_beyond, sides, through_pole
 from pointing_model.runs.run import known_site
 
 from . import equinox
-from .checks import PAIRS
 from .pier_side import note_counterweight, through_the_pole
+from .row_checks import PAIRS
 from .solve_columns import are_images, refuse_hours
 
 _NEAR = 10.0 * DEG  # zeros of readings of an alt-azimuth mount are smaller, or one for all rows

@@ -20,7 +20,7 @@ import pytest
 from places import DATA
 
 from calibration.analysis.diagnosis.diagnosis import diagnose
-from calibration.analysis.diagnosis.input_check import MistakenColumns, check_columns
+from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
 from calibration.analysis.diagnosis.prediction import predictive_model
 from calibration.analysis.external_check import external_check
 from calibration.analysis.term_fit import fit_terms

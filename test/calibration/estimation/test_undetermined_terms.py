@@ -21,7 +21,7 @@ from determined import simulated
 from places import CASES
 
 from calibration.analysis.diagnosis.diagnosis import diagnose
-from calibration.analysis.diagnosis.input_check import check_columns
+from calibration.analysis.diagnosis.mistaken_columns import check_columns
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.term_fit import fit_terms
 from calibration.report.documents import fit_document

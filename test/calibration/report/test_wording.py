@@ -21,7 +21,7 @@ from places import ROOT
 from calibration.report.wording import KINDS
 
 #: what a column, a clock or a place may be read as has its words beside it, as an effect has
-READINGS = ('readings', 'input_check', 'clock_and_site')
+READINGS = ('readings', 'mistaken_columns', 'clock_and_site')
 JUDGED = [path for part in ('estimation', 'analysis')
           for path in sorted((ROOT / 'calibration' / part).rglob('*.py'))]
 _LOGGED = {'debug', 'info', 'warning', 'error', 'exception'}

@@ -20,7 +20,7 @@ import pytest
 from exact_rotations import LARGE, forward_by_matrices, offsets_and_jacobian
 from places import CASES
 
-from calibration.analysis.diagnosis.input_check import (
+from calibration.analysis.diagnosis.mistaken_columns import (
     MistakenColumns,
     check_columns,
 )

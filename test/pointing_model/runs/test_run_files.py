@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.runs.columns.checks import NoUsableRow
+from pointing_model.runs.columns.row_checks import NoUsableRow
 from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_reader import read_run

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from places import CASES
 
-from calibration.analysis.diagnosis.input_check import MistakenColumns, check_columns
+from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From the table of a file to a sound run: units, exclusions, approach."""
+"""Rows of a file that make no sound run: radians, no numbers, beyond the sky, copies."""
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, DEG, wrap
+from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.copies import SAME, copies, written_twice
 from pointing_model.runs.run import COLUMNS, REQUIRED, PointingRun
@@ -30,9 +30,6 @@ PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
 _TURNS = 10  # an angle beyond is no angle in degrees
 _TURN = 2.0 * np.pi
 _QUARTER = ELEVATION_LIMITS[1] * DEG
-_GAP = 6 * 3600.0  # s: in between the mount may have been anywhere
-#: an axis that read so little otherwise stood still: the sign would be that of the error itself
-_STANDS = 60.0 * ARCSEC
 #: a number outside was not measured
 _LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 1200.0, 'hPa')}
 _WRITTEN = 20_000  # rows that are kept as they were written
@@ -227,90 +224,6 @@ def flag_rows(table, mount):
         table.reasons[rows[i]] = f'{SAME}{where}'
     if not few:
         table.meta['notes'].append(written_twice(first >= 0))
-
-
-def derive_approach(table):
-    """Directions of approach, where they are missing, from the order in time.
-
-    Without the time of every row, from the order of the rows. Rows that are left out count: the
-    mount was there. After a row without a place, at the first of each run and after 6 hours
-    without a row the direction is unknown, 0. A row where the axis stands still (within 1′)
-    keeps the direction of the motion that brought it there.
-    """
-    columns, notes = table.columns, table.meta['notes']
-    names = {axis: f'approach_{axis}' for axis in ('az', 'el')}
-    derived = []
-    if len(table.lines) == 0:
-        return
-    order, by_time = _sequence(columns)
-    new_run = _new_runs(columns, order)
-    whole_path = False
-    for axis, name in names.items():
-        given = np.isfinite(columns[name]) if name in columns else np.zeros(1, dtype=bool)
-        if given.any():
-            if not given.all():
-                notes.append(f'{table.label(name)} is empty in {(~given).sum()} of '
-                             f'{len(given)} rows: unknown there, 0')
-            columns[name] = np.nan_to_num(columns[name], nan=0.0)
-            continue
-        angle = columns[f'{axis}_enc']
-        angle = np.where(np.isfinite(angle), angle, np.nan)
-        move = np.diff(angle[order], prepend=np.nan)
-        if axis == 'az':
-            whole_path = _reads_past_a_turn(table, angle)
-            move = move if whole_path else wrap(move)
-        move[np.abs(move) < _STANDS] = 0.0
-        move[new_run] = np.nan
-        columns[name] = np.empty(len(order))
-        columns[name][order] = _carry(np.sign(move))
-        derived.append(axis)
-    if derived:
-        table.meta['approach_from'] = {'axes': derived, 'order': 'time' if by_time else 'rows'}
-        words = ' and '.join(table.names.word(axis) for axis in derived)
-        notes.append(
-            f'direction of approach in {words}: no column of the file, derived from the order '
-            + ('in time, ' if by_time else 'of the rows, ')
-            + (f'as the {table.names.word("az")} reads' if whole_path else 'shortest way'))
-
-
-def _sequence(columns):
-    """Rows in the order they were observed, and whether the time gives it."""
-    time = columns.get('time')
-    if time is None or not np.isfinite(time).all() or np.ptp(time) == 0.0:
-        return np.arange(len(columns['az'])), False
-    # their own clocks may begin anew in each run
-    return np.lexsort((time, columns['run']) if 'run' in columns else (time,)), True
-
-
-def _new_runs(columns, order):
-    new = np.ones(len(order), dtype=bool)
-    run = columns['run'][order] if 'run' in columns else np.zeros(len(order))
-    new[1:] = run[1:] != run[:-1]
-    if 'time' in columns:
-        with np.errstate(invalid='ignore'):
-            new[1:] |= np.diff(columns['time'][order]) > _GAP
-    return new
-
-
-def _reads_past_a_turn(table, reading):
-    """Whether azimuths read beyond 0..360 as well as -180..180, by more than their offsets."""
-    sound = table.reasons == 0
-    if not table.meta.get('raw_reading', True) or not sound.any():
-        return False
-    reading = reading[sound]
-    reach = 5.0 * DEG + np.median(np.abs(wrap(reading - table.columns['az'][sound])))
-    low, high = reading.min(), reading.max()
-    return bool((low < -reach and high > np.pi + reach) or low < -np.pi - reach
-                or high > _TURN + reach)
-
-
-def _carry(sign):
-    """0 takes the value before it, NaN becomes 0."""
-    own = np.flatnonzero(sign != 0.0)  # NaN too
-    if own.size == 0:
-        return np.zeros(len(sign))
-    last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign)), 0))
-    return np.nan_to_num(sign[last], nan=0.0)
 
 
 def _as_written(table):

@@ -21,7 +21,7 @@ import pytest
 from places import ROOT
 
 from calibration.analysis.diagnosis.diagnosis import diagnose
-from calibration.analysis.diagnosis.input_check import MistakenColumns, check_columns
+from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
 from calibration.report.row_wording import signs_sentences
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
