@@ -43,6 +43,8 @@ LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE
 SUBSCRIBED = (*LAST, topics.CLOCK, topics.OBSERVATION, topics.DIAGNOSTICS)
 #: s by which readings of the two encoders may differ, and be compared by their rates
 LARGEST_DELAY = 0.5
+#: s without a report after which a node is called silent; each reports once a second
+SILENT = 5.0
 #: stars that are drawn at most
 STARS = 500
 
@@ -221,7 +223,7 @@ class LastMessages:
                 part(state)
             except ValueError as error:
                 self._bad[name] = str(error)
-        state.nodes, state.alarms = alarms(state, self._bad, self._nodes, self._get, now)
+        state.nodes, state.alarms = alarms(state, self._bad, self._nodes, self._get, now, SILENT)
         return state
 
     def _all_rows(self):

@@ -21,12 +21,10 @@ import numpy as np
 from msg_tools import topics
 from msg_tools.readiness import is_count
 
-#: s without a report after which a node is called silent; each reports once a second
-SILENT = 5.0
 _LEVELS = ('ok', 'warning', 'error', 'silent')
 
 
-def alarms(state, bad, reports, last, now):
+def alarms(state, bad, reports, last, now, patience):
     """What is wrong, and how the nodes are.
 
     Parameters
@@ -41,6 +39,8 @@ def alarms(state, bad, reports, last, now):
         Gives the last message of a topic, or None.
     now : float or None
         Monotonic time, s, for nodes that are silent.
+    patience : float
+        For how long without a report a node is not called so, s.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def alarms(state, bad, reports, last, now):
     found = [(1, f'{name}: a message that cannot be used: {error}') for name, error in bad.items()]
     silent = {} if now is None else {
         name: now - arrived for name, (_, arrived) in reports.items()
-        if arrived is not None and now - arrived > SILENT}
+        if arrived is not None and now - arrived > patience}
     if len(silent) == len(reports) > 1:
         found.append((3, f'all {len(silent)} nodes are silent for {min(silent.values()):.0f} s: '
                       'the graph has ended, or is not heard any more'))
