@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import DEG, wrap
-from pointing_model.bolt_turns import AT_REST, LEAST_TURN, axis_after, axis_of_arc, expected
+from pointing_model.image_alignment import AT_REST, LEAST_TURN, axis_after, axis_of_arc, expected
 from pointing_model.mounts import through_pole
 from pointing_model.sky.places import SIDEREAL
 
@@ -93,7 +93,7 @@ class BoltWatch:
 
         Parameters
         ----------
-        image : pointing_model.bolt_turns.Image
+        image : pointing_model.image_alignment.Image
 
         Returns
         -------

@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.report.alignment_wording import axis_document, watch_lines
+from calibration.report.bolt_wording import axis_document, watch_lines
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.alignment import polar_axis
-from pointing_model.bolt_turns import Image
+from pointing_model.image_alignment import Image
 from pointing_model.mounts import through_pole, unit_vector
 from pointing_model.runs.formats.images import common_site, one_image
 from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
@@ -177,7 +177,7 @@ def image_of(solution, sigma, moment, first, second, site, name, air=None, frame
 
     Returns
     -------
-    pointing_model.bolt_turns.Image
+    pointing_model.image_alignment.Image
     """
     if not np.isfinite(sigma):
         sigma = _SIGMA * solution.scale_arcsec_px

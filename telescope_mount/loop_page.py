@@ -22,7 +22,7 @@ import numpy as np
 from calibration.report import page_parts as page
 from calibration.report.diagnosis_summary import effect_line
 from calibration.report.drawing import limit_of
-from calibration.report.error_table import errors_section
+from calibration.report.error_ranking import errors_section
 from calibration.report.page_html import body_of, whole
 from calibration.report.provenance import provenance_section, site_text
 from calibration.report.target_plot import target

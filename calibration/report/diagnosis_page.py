@@ -19,7 +19,7 @@ from pointing_model.mount_kinds import kind_of
 from . import diagnosis_sections as tables
 from . import page_parts as page
 from .driver_figures import drivers_section, effects_section
-from .error_table import errors_section
+from .error_ranking import errors_section
 from .observation_section import next_observations
 from .page_html import whole
 from .provenance import provenance_section

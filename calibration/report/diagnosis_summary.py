@@ -21,7 +21,7 @@ import numpy as np
 from pointing_model.mount_kinds import USUAL, kind_of
 
 from .cause_wording import open_causes, short_cause, still_open
-from .error_table import ErrorLine
+from .error_ranking import ErrorLine
 from .figure_wording import STAYS, best_pair, way_size
 from .implausible_wording import implausible_caution
 from .noise_wording import axes_sentence, is_headline, noise_caution, scatter_sentence

@@ -20,7 +20,7 @@ from rich.text import Text
 from pointing_model.effects.base import driver_word
 from pointing_model.mount_kinds import kind_of
 
-from .error_table import MOST_ERRORS
+from .error_ranking import MOST_ERRORS
 from .terminal_layout import height_of
 from .terminal_tables import decimals, new_table
 

@@ -19,7 +19,7 @@ import numpy as np
 from pointing_model.rms import rms_arcsec
 
 from ..analysis.diagnosis.row_counts import RMS_KEYS
-from .alignment_wording import alignment_document
+from .bolt_wording import alignment_document
 from .diagnosis_wording import limit_words
 from .noise_wording import correlation_sentence
 from .wording import wording
@@ -42,7 +42,7 @@ def fit_document(found):
         ``correlations`` (of all pairs of terms: ``terms``, ``value``), ``undetermined`` (what the
         stars do not determine, in words); rows, notes, and what else was asked for, or None:
         ``harmonics``, ``predicted``, ``base_model``, ``origin_of_errors``
-        (`sky_model.Origin.document`), ``polar_axis`` (`alignment_wording.alignment_document`, of
+        (`sky_model.Origin.document`), ``polar_axis`` (`bolt_wording.alignment_document`, of
         equatorial mounts).
     """
     run, result, base = found.run, found.terms, found.base

@@ -23,7 +23,7 @@ from pointing_model.rms import rms
 
 from . import page_parts as page
 from .drawing import MAX_NAMED, Panel, limit_of, padded, svg
-from .error_table import MOST_ERRORS
+from .error_ranking import MOST_ERRORS
 
 #: rows up to which figures against drivers have every row to point at, and drivers in sight
 _LINKED, _MOST = 300, 6

@@ -24,9 +24,10 @@ from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
 
 from . import page_parts as page
-from .alignment_wording import alignment_lines
+from .bolt_wording import alignment_lines
 from .diagnosis_sections import exclusions
-from .error_table import errors_section, term_lines
+from .error_ranking import errors_section, term_lines
+from .fit_wording import VALIDATED
 from .number_wording import group_name
 from .page_html import whole
 from .provenance import provenance_section, site_degrees, site_text
@@ -73,7 +74,7 @@ def render_fit(found, document):
         page.VerdictSection(headline, [
             page.Cards([(before['rms_arcsec'], 'raw', 'before'),
                         (after['rms_arcsec'], 'fit residuals', 'after'),
-                        (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves')]),
+                        (after.get('cv_rms_arcsec'), VALIDATED)]),
             page.Paragraph('RMS on the sky.', 'note'), sky_maps(data),
             page.SentenceList([outliers, *map(wording, [
                 *_patterns(found.findings), *result.findings(run)])])]),
@@ -143,7 +144,7 @@ def _compared(document, names):
     rows = [('raw', 'fit residuals', *_rms(document['before'])),
             ('the terms', 'fit residuals', *_rms(document['after']))]
     if document['after'].get('cv_rms_arcsec') is not None:
-        rows.append(('the terms', 'cross-validated, 2 halves', *_rms(document['after'], 'cv_')))
+        rows.append(('the terms', VALIDATED, *_rms(document['after'], 'cv_')))
     predicted, more = document.get('predicted'), []
     if predicted:
         rows += [(name, judged, *_rms(predicted[key], 'cv_')) for judged, before, after in (

@@ -25,6 +25,8 @@ from .row_wording import far_text
 
 #: in the place of a standard error
 UNDETERMINED = 'undetermined'
+#: of an RMS on rows that the fit did not see
+VALIDATED = 'cross-validated (2 halves)'
 
 
 def _are(names):

@@ -36,7 +36,7 @@ from pointing_model.zero import NO_ZERO, Zeros, active_zeros, is_for_zero
 from pointing_model.zero_drift import Following
 
 from . import page_parts as page
-from .error_table import ErrorLine, errors_section, term_lines
+from .error_ranking import ErrorLine, errors_section, term_lines
 from .health_section import health_section
 from .log_health import log_health
 from .night_document import BOTH, RAW, steps_of

@@ -22,7 +22,7 @@ from msg_tools.units import ARCSEC
 
 from . import page_parts as page
 from .drawing import Panel, limit_of, svg
-from .error_table import errors_section, term_lines
+from .error_ranking import errors_section, term_lines
 from .page_html import body_of, whole
 from .provenance import provenance_section
 from .terminal_tables import new_table

@@ -24,7 +24,7 @@ from pointing_model.pointing_terms import term_cause, terms_of
 
 from . import page_parts as page
 from .drawing import Panel, padded, svg
-from .error_table import ErrorLine, errors_section
+from .error_ranking import ErrorLine, errors_section
 from .page_html import whole
 from .provenance import provenance_section
 from .wording import worded

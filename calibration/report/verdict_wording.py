@@ -90,7 +90,7 @@ def short_headline(document, effects):
     ----------
     document : dict
         `Diagnosis.to_dict()`.
-    effects : list of error_table.ErrorLine
+    effects : list of error_ranking.ErrorLine
         The largest first.
 
     Returns

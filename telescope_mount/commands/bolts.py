@@ -142,7 +142,7 @@ def alignment_of(model, args, equinox=None):
     """What to move, as a document and in lines."""
     import numpy as np
 
-    from calibration.report.alignment_wording import (
+    from calibration.report.bolt_wording import (
         alignment_document,
         alignment_lines,
         feet_lines,

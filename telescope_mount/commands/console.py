@@ -260,8 +260,8 @@ def print_calibration(console, report, verbose=False, files=0):
     files : int
         Lines that are printed after it.
     """
+    from calibration.report.night_tables import night_parts
     from calibration.report.terminal_layout import layered
-    from calibration.report.terminal_tables import night_parts
     first, more, rest = night_parts(report) if 'steps' in report else (
         [], [f'note: {note}' for note in report['notes']], [])
     if 'tracking' in report:

@@ -76,7 +76,7 @@ def _run(args):
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.documents import fit_document
     from calibration.report.fit_page import render_fit
-    from calibration.report.terminal_tables import fit_tables
+    from calibration.report.fit_tables import fit_tables
 
     from ..run_loader import load_run
     from .console import files_of, new_console, print_all, write_outputs

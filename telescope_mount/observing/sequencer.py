@@ -28,11 +28,11 @@ from msg_tools.status_rows import Progress, Taken
 from msg_tools.steps import CallRefused, Steps
 from pointing_model.sky.earth import earth_orientation
 
-from .fault_watch import FaultWatch
 from .night_file import NightFile
 from .night_memory import blind_summary
 from .night_steps import NightSteps
 from .plan import POWER_CYCLES, parse_plan
+from .plan_watchdog import PlanWatchdog
 
 #: said of a plan that was finished by an observer before
 OVER = 'plan finished before this start: observe, or star_observer/anew, begins it anew'
@@ -90,7 +90,7 @@ class Sequencer:
         self.earth = ''
         self._published = None
         self._lacks = ''  # what the graph lacks before a plan can begin, in words
-        self._watch = FaultWatch(outbox, instruments, self.night.exposer)
+        self._watch = PlanWatchdog(outbox, instruments, self.night.exposer)
         self.begun = False
         self._looks, self._looked = looks, -math.inf
         self._plan, self._left = '', None

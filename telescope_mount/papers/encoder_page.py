@@ -19,7 +19,7 @@ import numpy as np
 
 from calibration.report import page_parts as page
 from calibration.report.drawing import Panel, limit_of, svg
-from calibration.report.error_table import ErrorLine, errors_section
+from calibration.report.error_ranking import ErrorLine, errors_section
 from calibration.report.page_html import whole
 from calibration.report.provenance import provenance_section
 from pointing_model.effects.base import arcsec

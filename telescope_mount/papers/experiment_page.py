@@ -22,7 +22,7 @@ from calibration.analysis.zero.zero_causes import COVARIATES
 from calibration.analysis.zero.zero_season import season_from_rows
 from calibration.report import page_parts as page
 from calibration.report.drawing import Panel, limit_of, svg
-from calibration.report.error_table import ErrorLine, errors_section
+from calibration.report.error_ranking import ErrorLine, errors_section
 from calibration.report.page_html import whole
 from calibration.report.provenance import provenance_section
 from calibration.report.residual_figures import controls, residual_sections, sky_maps

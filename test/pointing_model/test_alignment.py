@@ -20,7 +20,7 @@ from bolts import Bolted, rounds, turned
 from scipy.spatial.transform import Rotation
 
 from calibration.analysis.term_fit import fit_terms
-from calibration.report.alignment_wording import (
+from calibration.report.bolt_wording import (
     alignment_document,
     alignment_lines,
     angle_text,

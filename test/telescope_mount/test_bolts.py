@@ -23,7 +23,7 @@ from bolts import UP, Bolted
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.alignment import polar_axis
-from pointing_model.bolt_turns import Image, axis_of_arc
+from pointing_model.image_alignment import Image, axis_of_arc
 from pointing_model.model import PointingModel
 from pointing_model.mounts import Mount
 from telescope_mount.bolt_watch import COLLECTED, ONE, STOPPED, THREE, BoltWatch

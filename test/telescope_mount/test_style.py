@@ -35,8 +35,8 @@ from calibration.report.diagnosis_terminal import diagnosis_tables, summary_line
 from calibration.report.diagnosis_view import view_of
 from calibration.report.documents import fit_document
 from calibration.report.fit_page import render_fit
+from calibration.report.fit_tables import fit_tables
 from calibration.report.night_page import render_night
-from calibration.report.terminal_tables import fit_tables
 from calibration.report.wording import KINDS
 from pointing_model import model_document
 from telescope_mount.command_parser import make_parser

@@ -56,7 +56,7 @@ class BoltCamera:
     solve : callable
         ``solve(path)`` -> `PlateSolution`, sigma in arcsec or NaN; raises NotSolved.
     place : callable
-        ``place(solution, sigma, time, first, second, site, name)`` -> `bolt_turns.Image`.
+        ``place(solution, sigma, time, first, second, site, name)`` -> `image_alignment.Image`.
     site : dict
         ``latitude``, ``longitude`` in degrees and ``height``, where they are given, in place of
         what the driver has.

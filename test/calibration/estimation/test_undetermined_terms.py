@@ -25,7 +25,7 @@ from calibration.analysis.diagnosis.mistaken_columns import check_columns
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.term_fit import fit_terms
 from calibration.report.documents import fit_document
-from calibration.report.terminal_tables import fit_tables
+from calibration.report.fit_tables import fit_tables
 from calibration.rows import usable
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel

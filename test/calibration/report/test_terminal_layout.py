@@ -23,9 +23,10 @@ from rich.console import Console
 
 from calibration.report.diagnosis_summary import DiagnosisSummary
 from calibration.report.diagnosis_terminal import summary_lines
-from calibration.report.error_table import ErrorLine
+from calibration.report.error_ranking import ErrorLine
+from calibration.report.night_tables import night_tables
 from calibration.report.terminal_layout import TerminalTable
-from calibration.report.terminal_tables import night_tables, terms_table
+from calibration.report.terminal_tables import terms_table
 
 LONG = 'model of power-on 1 on the stars of power-on 2, with the old zero'
 

@@ -20,9 +20,11 @@ import pytest
 from calibration.analysis.run_fit import fit_run
 from calibration.calibration_state import CalibrationState
 from calibration.report.documents import fit_document
+from calibration.report.fit_tables import fit_tables
+from calibration.report.night_tables import night_parts, night_tables
 from calibration.report.row_wording import left_out_lines
 from calibration.report.terminal_layout import layered
-from calibration.report.terminal_tables import fit_tables, night_parts, night_tables, terms_table
+from calibration.report.terminal_tables import terms_table
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP

@@ -16,7 +16,7 @@
 import numpy as np
 import pytest
 
-from calibration.report.error_table import MOST_ERRORS, ErrorLine, errors_section, term_lines
+from calibration.report.error_ranking import MOST_ERRORS, ErrorLine, errors_section, term_lines
 from calibration.report.page_html import drawn
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import Mount, parse_mount

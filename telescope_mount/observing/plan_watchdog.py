@@ -21,7 +21,7 @@ PATIENT = ('wait', 'calibrate_zero', 'fit', 'diagnose', 'judge')
 WAITING = 'plan', 'waiting'
 
 
-class FaultWatch:
+class PlanWatchdog:
     """Looks at instruments and plan now and then.
 
     Parameters
