@@ -37,6 +37,9 @@ from pointing_model.sky.site import Site
 from .bolt_watch import COLLECTED, STOPPED, THREE, BoltWatch
 
 #: of a solution without a sigma, as a part of a pixel
+#: exposures of a camera, s; how often a folder is looked at, s; without a new image for how long it
+#: ends, s; how near to the pole is near enough, arcsec
+EXPOSURE, EVERY, PATIENCE, WITHIN_ARCSEC = 1.0, 2.0, 600.0, 10.0
 _SIGMA = 0.3
 #: least sigma of an image, rad: what solvers give knows no seeing and no wind
 _SEEING = 1.0 * ARCSEC

@@ -24,7 +24,7 @@ from calibration.analysis.diagnosis.row_counts import reader_row_counts
 from calibration.estimation.false_alarms import ALPHA
 from msg_tools.whole_files import tried, write_text
 from pointing_model.zero_drift import KEY as FOLLOWS
-from telescope_mount.observing.plan import parse_plan
+from telescope_mount.observing.plan import ZERO_EXPOSURES, parse_plan
 
 from .graph import measured_graph, night_graph
 from .loop_outcome import outcome, paired, points_worse
@@ -37,6 +37,8 @@ FORMAT = 'telescope_mount/loop'
 VERSION = 1
 #: the scenarios that are made for it
 ALL = 'loop_*'
+#: stars that are fitted, and fresh ones for each check; of a run one row in so many is kept out
+FITTED, CHECKED, CHECK_EVERY = 90, 30, 4
 #: what the run player does, in the words of a plan
 _MEASURED_PLAN = 'fit, diagnose'
 
@@ -61,9 +63,9 @@ def loop_plan(stars, polaris, check):
             f'diagnose, check {check}, judge')
 
 
-def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16, check=30,
-                   check_every=4, alpha=ALPHA, start_time='', place=None, sky=None, mount='',
-                   domain_number=None, progress=None):
+def close_the_loop(out, *, scenario='', file=None, seed=1, stars=FITTED, polaris=ZERO_EXPOSURES,
+                   check=CHECKED, check_every=CHECK_EVERY, alpha=ALPHA, start_time='', place=None,
+                   sky=None, mount='', domain_number=None, progress=None):
     """Carry out one night with a scenario, or one measured run.
 
     Parameters

@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 
 from telescope_mount.observing.night_file import NightFile
-from telescope_mount.observing.plan import parse_plan, real_plan
+from telescope_mount.observing.plan import BLOCK_STARS, parse_plan, real_plan
 
 from . import domain
 from . import whole_night as night
@@ -31,8 +31,8 @@ from .whole_night import STATE
 STALL = 1800.0
 
 
-def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, params_file=None,
-                   progress=None, hold_up=None, note=print, reference=None,
+def run_real_night(out, *, plan='', stars=BLOCK_STARS, drivers=(), domain_number=None,
+                   params_file=None, progress=None, hold_up=None, note=print, reference=None,
                    anew=False, **graph):
     """Observe with the drivers of a real mount.
 
@@ -89,7 +89,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
                       hold_up=hold_up, note=note, claim=domain.join)
 
 
-def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers=(),
+def run_server_night(out, mount, *, stars=BLOCK_STARS, reference=None, camera='', drivers=(),
                      domain_number=None, params_file=None, progress=None, hold_up=None, note=print,
                      anew=False, sky=None, track='', discrimination='', **graph):
     """A night on a mount of an INDI or Alpaca server, on the clock of this machine.

@@ -35,6 +35,8 @@ INDI_FORK = {'first_travel_deg': '-88,178'}
 BESIDE = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
 #: of a simulator that is asked where it looks between its readings, s: so long the axes must rest
 REST_BEFORE_POLL = 0.5
+#: of a camera, s, where nothing else is asked for
+EXPOSURE = 1.0
 #: stars of the blind check, of those that are fitted
 CHECKED = 4
 
@@ -166,7 +168,7 @@ def _with_advice(check, telescope):
                          'indi:HOST:PORT:NAME, or the driver of one with --driver') from None
 
 
-def nodes_of(found, *, plan, camera='', drivers=(), exposure=1.0, **graph):
+def nodes_of(found, *, plan, camera='', drivers=(), exposure=EXPOSURE, **graph):
     """The nodes for what was found.
 
     Parameters

@@ -27,7 +27,7 @@ from msg_tools import NAMESPACE, topics
 from msg_tools.convert import from_stamp
 from msg_tools.status_rows import Progress
 from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
-from telescope_mount.observing.plan import night_plan, parse_plan
+from telescope_mount.observing.plan import BLOCK_STARS, ZERO_EXPOSURES, night_plan, parse_plan
 
 from . import domain
 from .graph import NODES, night_graph
@@ -75,9 +75,9 @@ def prepare_folder(folder):
     return folder
 
 
-def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
-              domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              track='', discrimination='', **graph):
+def run_night(out, *, stars=BLOCK_STARS, polaris=ZERO_EXPOSURES, reference=None,
+              cycle='incremental', domain_number=None, params_file=None, progress=None,
+              scenario='default', mount='', track='', discrimination='', **graph):
     """Observe a simulated night in a graph of processes.
 
     Parameters

@@ -43,8 +43,9 @@ def add(commands):
     parser.add_argument('--live', metavar='FOLDER', help='watch a folder of images, '
                         'solved or not, and print what is left after each; '
                         'indi:HOST[:PORT[:CAMERA]] takes them with a camera of an INDI server')
-    parser.add_argument('--exposure', type=options.real(1e-3, 600.0, 's'), default=1.0,
-                        metavar='S', help='of that camera (default: 1)')
+    parser.add_argument('--exposure', type=options.real(1e-3, 600.0, 's'), metavar='S',
+                        default=options.Default('telescope_mount.live_bolts.EXPOSURE'),
+                        help='of that camera (default: %(default)s)')
     parser.add_argument('--keywords', type=Path, metavar='FILE.yaml', help='with --live: which '
                         'keywords of the images are what (default: FOLDER/mount.yaml)')
     parser.add_argument('--solver', metavar='NAME', help=options.Listing(
@@ -52,14 +53,18 @@ def add(commands):
     parser.add_argument('--scale', nargs=2, type=options.real(1e-3, 3600.0, 'arcsec'),
                         metavar=('LOW', 'HIGH'), help='with --live: arcsec a pixel, which makes a '
                         'solver faster')
-    parser.add_argument('--every', type=options.real(0.1, 600.0, 's'), default=2.0, metavar='S',
-                        help='with --live: how often the folder is looked at (default: 2)')
+    parser.add_argument('--every', type=options.real(0.1, 600.0, 's'), metavar='S',
+                        default=options.Default('telescope_mount.live_bolts.EVERY'),
+                        help='with --live: how often the folder is looked at '
+                        '(default: %(default)s)')
     parser.add_argument('--for', dest='patience', type=options.real(0.0, 86400.0, 's'),
-                        default=600.0, metavar='S', help='with --live: without a new image it '
-                        'ends after this (default: 600)')
-    parser.add_argument('--within', type=options.real(0.1, 36000.0, 'arcsec'), default=10.0,
+                        default=options.Default('telescope_mount.live_bolts.PATIENCE'),
+                        metavar='S', help='with --live: without a new image it '
+                        'ends after this (default: %(default)s)')
+    parser.add_argument('--within', type=options.real(0.1, 36000.0, 'arcsec'),
+                        default=options.Default('telescope_mount.live_bolts.WITHIN_ARCSEC'),
                         metavar='ARCSEC', help='with --live: it ends once the axis, by three '
-                        'images after a turn, is as near to the pole (default: 10)')
+                        'images after a turn, is as near to the pole (default: %(default)s)')
     options.add(parser, 'encoder', 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height',
                 'pressure', 'temperature', 'equinox')
     options.add_verbose(parser, 'notes')

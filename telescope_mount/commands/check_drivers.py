@@ -28,10 +28,11 @@ def add(commands):
         '(docs/real_mount.md), line by line. Exit code 0 where nothing is wrong, else 1.')
     parser.add_argument('--seconds', type=options.real(2.0, 3600.0, 's'), default=60.0,
                         metavar='S', help='how long to listen (default: 60)')
-    parser.add_argument('--nudge', type=options.real(0.01, 2.0, 'degrees'), nargs='?', const=0.05,
-                        default=0.0, metavar='DEG', help='MOVES the mount: each axis by so much '
-                        '(0.05 if left out) and back, to check motion and camera. Only if nothing '
-                        'else is wrong and nobody else commands it')
+    parser.add_argument('--nudge', type=options.real(0.01, 2.0, 'degrees'), nargs='?', default=0.0,
+                        const=options.Default('telescope_mount.drivers.nudge.STEP_DEG'),
+                        metavar='DEG', help='MOVES the mount: each axis by so much '
+                        '(%(const)s if left out) and back, to check motion and camera. Only if '
+                        'nothing else is wrong and nobody else commands it')
     parser.add_argument('--star', action='store_true',
                         help='with --nudge: SLEWS to a bright star first (--latitude, --longitude) '
                         'and nudges beside it, to judge the camera')

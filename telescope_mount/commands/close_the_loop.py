@@ -36,13 +36,17 @@ def add(commands):
                       'every loop_*; "list": print their names')
     options.add_out(parser, 'loop', 'log, model, reports and page')
     options.add(parser, 'seed')
-    parser.add_argument('--stars', type=options.whole(12, 5000), default=90,
-                        help='that fit and diagnosis see (default: 90)')
+    parser.add_argument('--stars', type=options.whole(12, 5000),
+                        default=options.Default('telescope_mount.loop.FITTED'),
+                        help='that fit and diagnosis see (default: %(default)s)')
     options.add(parser, 'polaris')
-    parser.add_argument('--check', type=options.whole(2, 5000), default=30,
-                        help='fresh stars pointed at blind, before and after (default: 30)')
-    parser.add_argument('--check-every', type=options.whole(2, 1000), default=4, metavar='N',
-                        help='of a measured run one row in N is kept out (default: 4)')
+    parser.add_argument('--check', type=options.whole(2, 5000),
+                        default=options.Default('telescope_mount.loop.CHECKED'),
+                        help='fresh stars pointed at blind, before and after '
+                        '(default: %(default)s)')
+    parser.add_argument('--check-every', type=options.whole(2, 1000), metavar='N',
+                        default=options.Default('telescope_mount.loop.CHECK_EVERY'),
+                        help='of a measured run one row in N is kept out (default: %(default)s)')
     options.add(parser, 'alpha', 'date')
     options.add(parser, 'latitude', help='of the site; a measured run without site needs both for '
                 'effects that follow the stars')

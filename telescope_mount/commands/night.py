@@ -29,8 +29,9 @@ def add(commands):
         'print the error before and after.')
     options.add_out(parser, 'night', 'log, model, observations and page')
     options.add(parser, 'seed')
-    parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
-                        help='in each of the two blocks (default: 30)')
+    parser.add_argument('--stars', type=options.whole(4, 5000),
+                        default=options.Default('telescope_mount.observing.plan.BLOCK_STARS'),
+                        help='in each of the two blocks (default: %(default)s)')
     options.add(parser, 'polaris')
     options.add_scenario(parser, default='default',
                         help='what is wrong with the simulated mount: a name or a YAML file; '
@@ -69,6 +70,7 @@ def add(commands):
 def run(args):
     """Observe, print, write."""
     from ..bridges.connection import PORTS
+    from ..server_night import EXPOSURE
     from ..whole_night import run_night
     from .console import ProgressLine, end_of_night, new_console, print_calibration
     if options.is_list(args):
@@ -82,7 +84,7 @@ def run(args):
             ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
                                                    'incremental'), ('date', args.date, '')) \
             if by_server else (('camera', args.camera, ''), ('driver', args.driver, []),
-                               ('exposure', args.exposure, 1.0), ('anew', args.anew, False)):
+                               ('exposure', args.exposure, EXPOSURE), ('anew', args.anew, False)):
         if value != usual:
             raise ValueError(f'--{name} is for the simulated mount; leave it out with --mount '
                              f'{args.mount.partition(":")[0]}:...' if by_server else

@@ -33,8 +33,10 @@ def add(commands):
     parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
                         help='a driver in Python to start as well, again for each; those that run '
                         'already are found')
-    parser.add_argument('--stars', type=options.whole(4, 5000), default=30,
-                        help='to fit the model to; a quarter as many check it (default: 30)')
+    parser.add_argument('--stars', type=options.whole(4, 5000),
+                        default=options.Default('telescope_mount.observing.plan.BLOCK_STARS'),
+                        help='to fit the model to; a quarter as many check it '
+                        '(default: %(default)s)')
     parser.add_argument('--plan', default='', help="steps in place of 'home, stars N, clocks 24, "
                         "fit, check N/4'")
     options.add(parser, 'mount', default='altaz', help=options.MOUNT_OF_DRIVERS)

@@ -18,6 +18,7 @@ import argparse
 import os
 import sys
 from contextlib import contextmanager, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 
 from calibration.estimation.false_alarms import ALPHA
@@ -46,10 +47,23 @@ class Listing(str):
             one.wording for one in FORMATS)})
 
 
+class Default(str):
+    """A number by its name in the module that works with it, loaded when it counts, not before."""
+
+    @property
+    def value(self):
+        """The number."""
+        module, _, name = self.rpartition('.')
+        return getattr(import_module(module), name)
+
+    def __str__(self):
+        return f'{self.value:g}'
+
+
 def _within(kind, low, high, words):
     def parse(text):
         try:
-            value = kind(text)
+            value = kind(text.value if isinstance(text, Default) else text)
         except ValueError:
             value = float('nan')
         if not low <= value <= high:
@@ -112,9 +126,10 @@ def names(text):
 SHARED = {
     'seed': {'type': whole(0, 2**31 - 1), 'default': 1,
              'help': 'of every random number (default: 1)'},
-    'polaris': {'type': whole(2, 5000), 'default': 16,
+    'polaris': {'type': whole(2, 5000),
+                'default': Default('telescope_mount.observing.plan.ZERO_EXPOSURES'),
                 'help': 'exposures for a zero: of Polaris where it is well up, else of a few '
-                'stars (default: 16)'},
+                'stars (default: %(default)s)'},
     'date': {'default': '', 'type': utc, 'metavar': 'UTC',
              'help': 'begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)'},
     'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site'},
@@ -172,9 +187,10 @@ def add_server(parser):
                         'are solved (default: the position of a simulator)')
     parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
                         help='the same: the driver in Python of a camera of your own')
-    parser.add_argument('--exposure', type=real(1e-3, 600.0, 's'), default=1.0, metavar='S',
+    parser.add_argument('--exposure', type=real(1e-3, 600.0, 's'), metavar='S',
+                        default=Default('telescope_mount.server_night.EXPOSURE'),
                         help='the same: length of its exposures, in which the mount must rest on '
-                        'its track (default: 1)')
+                        'its track (default: %(default)s)')
     parser.add_argument('--anew', action='store_true', help='the same: begin a night that was '
                         'interrupted in --out once more; by default it goes on where it stopped')
 

@@ -33,8 +33,9 @@ def add(commands):
                         help='the run (default: FOLDER/solved.csv)')
     parser.add_argument('--solver', metavar='NAME', help=options.Listing(
         '%(solvers)s, or the path of one (default: the first that is installed)'))
-    parser.add_argument('--timeout', type=options.real(1.0, 36000.0, 's'), default=120.0,
-                        metavar='S', help='for one image (default: 120)')
+    parser.add_argument('--timeout', type=options.real(1.0, 36000.0, 's'), metavar='S',
+                        default=options.Default('pointing_model.runs.plate_solves.solvers.TIMEOUT'),
+                        help='for one image (default: %(default)s)')
     parser.add_argument('--scale', nargs=2, type=options.real(1e-3, 3600.0, 'arcsec'),
                         metavar=('LOW', 'HIGH'), help='arcsec a pixel: makes a solver faster, '
                         'and surer')

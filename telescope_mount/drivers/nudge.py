@@ -29,6 +29,8 @@ from .samples import OK, WRONG, Remark, Remarks
 
 #: by how much a camera may be turned and its scale be wrong, rad and 1
 TURNED, SCALED = 2.0 * DEG, 0.05
+#: of a nudge, where nothing else is asked for
+STEP_DEG = 0.05
 #: how far a nudge may end from its demand, rad
 FOLLOWED = 30.0 * ARCSEC
 #: a mount that was stopped farther from its begin went somewhere, rad

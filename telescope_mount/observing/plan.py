@@ -20,6 +20,8 @@ from dataclasses import dataclass
 
 from msg_tools.units import ARCSEC
 
+#: stars of a block of a night, and exposures for a zero, where nothing else is asked for
+BLOCK_STARS, ZERO_EXPOSURES = 30, 16
 #: verb -> what its number counts, '' for a verb without one; `power_cycle` names what it switches
 VERBS = {
     'home': '',

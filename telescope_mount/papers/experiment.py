@@ -18,7 +18,7 @@ import json
 from functools import partial
 
 from msg_tools.whole_files import beside, tried, write_text
-from telescope_mount.observing.plan import parse_plan
+from telescope_mount.observing.plan import BLOCK_STARS, ZERO_EXPOSURES, parse_plan
 
 from ..graph import night_graph
 from ..night_files import Written
@@ -73,8 +73,8 @@ def experiment_plan(stars, polaris, satellite, extra=False, nights=NIGHTS):
     return ', '.join(parts)
 
 
-def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satellite=20,
-                   nights=NIGHTS, scenario=None, domain_number=None, progress=None):
+def run_experiment(out, *, seed=1, drifts='paper', stars=BLOCK_STARS, polaris=ZERO_EXPOSURES,
+                   satellite=20, nights=NIGHTS, scenario=None, domain_number=None, progress=None):
     """Observe all nights in one graph of processes.
 
     Parameters

@@ -41,8 +41,9 @@ def add(commands):
     what.add_argument('--drifts', choices=('paper', 'random'), default='paper',
                         help="of the zero at each power-on: those that give the paper's errors "
                         'before calibration (default), or random ones of that scatter')
-    parser.add_argument('--stars', type=options.whole(8, 500), default=30,
-                        help='in each of the two blocks of a night (default: 30)')
+    parser.add_argument('--stars', type=options.whole(8, 500),
+                        default=options.Default('telescope_mount.observing.plan.BLOCK_STARS'),
+                        help='in each of the two blocks of a night (default: %(default)s)')
     options.add(parser, 'polaris', type=options.whole(2, 500))
     parser.add_argument('--satellite', type=options.whole(2, 200), default=20,
                         help='exposures of the satellite before and after (default: 20)')

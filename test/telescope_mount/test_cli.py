@@ -27,13 +27,16 @@ from places import LOG, ROOT
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
+from pointing_model.runs.plate_solves import solvers
 from pointing_model.runs.plate_solves.solvers import PROGRAMS
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.orbits.orbit_files import FORMATS
 from pointing_model.sky.refraction import AIR
 from pointing_model.sky.site import SITE
 from telescope_mount import domain
+from telescope_mount.command_parser import parsed
 from telescope_mount.commands import COMMANDS, fit, options
+from telescope_mount.drivers import nudge
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 
@@ -65,6 +68,13 @@ def test_help_is_help(ended, words):
     ('night', [one.wording for one in FORMATS]), ('solve', PROGRAMS), ('bolts', PROGRAMS)])
 def test_help_lists_what_is_registered(ended, words, names):
     assert ', '.join(names) in ' '.join(ended(words, '--help')[1].split()).replace('- ', '-')
+
+
+def test_a_default_is_the_number_of_the_module_that_works_with_it(ended):
+    assert parsed(['solve', 'images']).timeout == solvers.TIMEOUT
+    assert parsed(['check-drivers', '--nudge']).nudge == nudge.STEP_DEG
+    assert parsed(['check-drivers']).nudge == 0.0
+    assert f'(default: {solvers.TIMEOUT:g})' in ended('solve', '--help')[1]
 
 
 def test_help_imports_nothing_that_takes_time():

@@ -33,6 +33,8 @@ PROGRAMS = {
                     'astrometry.net, astrometry-data-tycho2-10-19 (fields wider than 1 degree)'),
     'astap': (('astap_cli', 'astap'), 'astap and its star database'),
 }
+#: for one image, s
+TIMEOUT = 120.0
 _GRACE = 5.0  # s beyond its own limit, before a solver is ended
 _FREE = 6  # degrees of freedom, below which the scatter of the stars gives no sigma
 _BLEND = 10.0  # times the median distance, beyond which a matched star is none
@@ -79,7 +81,7 @@ class PlateSolver:
 
     kind: str
     program: str
-    timeout: float = 120.0
+    timeout: float = TIMEOUT
     scale: tuple | None = None
     quick: bool = False
 
@@ -175,7 +177,7 @@ def _end(process):
         process.wait()
 
 
-def find_solver(name=None, timeout=120.0, scale=None):
+def find_solver(name=None, timeout=TIMEOUT, scale=None):
     """The solver that is requested, or the first that is installed.
 
     Parameters
