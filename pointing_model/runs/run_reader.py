@@ -148,6 +148,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     if meta['azimuth_origin'] == 'S':
         axis_places.from_south(columns)
     row_checks.flag_rows(table, mount)
+    row_checks.note_hasty_clock(table)
     if mount.vertical:
         axis_places.past_zenith(table)
     derive_approach(table)

@@ -17,7 +17,7 @@
 import numpy as np
 
 from msg_tools.units import DEG, wrap
-from pointing_model.mounts import ALTAZ
+from pointing_model.mounts import ALTAZ, unit_vector
 from pointing_model.runs.copies import SAME, copies, written_twice
 from pointing_model.runs.run import COLUMNS, REQUIRED, PointingRun
 
@@ -35,6 +35,10 @@ _LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 
 _WRITTEN = 20_000  # rows that are kept as they were written
 _NAMED = 5  # rows whose copies are listed by the line of each
 _LARGEST = 1e50  # squares and their sums stay finite
+#: deg/s from star to star, exposure and all: no mount is faster; at most what is usual
+_FASTEST, _USUAL = 10.0, 3.0
+_FAR, _MOVES = 5.0 * DEG, 5  # moves that tell, and of how many
+_CLOCKS = ('minutes', 60.0), ('hours', 3600.0)
 #: beginnings and ends of the reasons for which a row is left out for the place it names
 _NO_PLACE = ('elevation outside', 'all angles below'), (f'beyond {_TURNS} turns',)
 
@@ -144,6 +148,26 @@ def to_si(columns):
         unit = COLUMNS[name][1] if name in COLUMNS else SPECIAL.get(name, 1.0)
         if unit != 1.0:
             columns[name] = values * unit
+
+
+def note_hasty_clock(table):
+    """A note where the mount would turn faster than any: the times are in another unit."""
+    time = table.columns.get('time')
+    if time is None:
+        return
+    place = unit_vector(table.columns['az'], table.columns['el'])
+    rows = np.flatnonzero((table.reasons == 0) & np.isfinite(time) & np.isfinite(place).all(axis=0))
+    run = table.columns.get('run', np.zeros(len(time)))  # each may have a clock that begins anew
+    rows = rows[np.lexsort((time[rows], run[rows]))]
+    seconds, chord = np.diff(time[rows]), np.diff(place[:, rows])
+    moved = 2.0 * np.arcsin(np.minimum(np.sqrt(np.square(chord).sum(axis=0)) / 2.0, 1.0))
+    far = (run[rows][1:] == run[rows][:-1]) & (seconds > 0.0) & (moved > _FAR)
+    speed = moved[far] / seconds[far] / DEG
+    if len(speed) >= _MOVES and np.median(speed) > _FASTEST:
+        unit = next((name for name, size in _CLOCKS if np.median(speed) / size < _USUAL), 'days')
+        table.meta['notes'].append(
+            f'time: the mount would turn by {np.median(speed):.3g} deg/s from star to star; '
+            f'seconds are expected: is this {unit}?')
 
 
 #: why a row without a star is none of those read

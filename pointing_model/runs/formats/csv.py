@@ -33,7 +33,6 @@ from ..columns.run_table import RunFormat, RunTable, content
 
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
-_CLOSE = 1.0
 
 
 def looks_like(lines):
@@ -230,26 +229,25 @@ def _run_numbers(cells, meta):
 def _time(table, cells, meta):
     values = table.times('time', cells)
     if sum(map(is_number, cells)) * 2 > sum(map(bool, cells)):
-        _refuse_other_units(table, values, meta)
+        _refuse_other_units(table, values)
         if np.any(np.abs(values) < CLOCK):
             meta['time_is_utc'] = False
             meta['notes'].append('time: seconds from an arbitrary start, they are below 1e8')
     return values
 
 
-def _refuse_other_units(table, values, meta):
+def _refuse_other_units(table, values):
     finite = np.isfinite(values)
     known = np.sort(values[finite])
     if len(known) < 5 or known[0] == known[-1]:
         return
     gap = (known[-1] - known[0]) / (len(known) - 1)
     unit = day_unit(known[0]) or ('hours' if known[-1] <= 48.0 else 'days')
-    text = f'rows are {gap:.2g} s apart on average; seconds are expected: is this {unit}?'
     if gap < _TOO_CLOSE:
-        raise ValueError(f'{table.path}, column time, rows {table.lines[finite][0]} to '
-                         f'{table.lines[finite][-1]}: {text} Give seconds or ISO 8601')
-    if gap < _CLOSE or np.median(np.diff(known)) < _TOO_CLOSE:
-        meta['notes'].append(f'time: {text}')
+        raise ValueError(
+            f'{table.path}, column time, rows {table.lines[finite][0]} to '
+            f'{table.lines[finite][-1]}: rows are {gap:.2g} s apart on average; seconds are '
+            f'expected: is this {unit}? Give seconds or ISO 8601')
 
 
 # ------------------------------------------------------------------------------------- writing
