@@ -17,11 +17,18 @@
 from pointing_model.effects.base import readable
 
 from .bolt_wording import alignment_lines
-from .fit_wording import UNDETERMINED, VALIDATED, origin_sentence
+from .fit_wording import VALIDATED, origin_sentence
 from .night_document import RAW
 from .row_wording import left_out_lines, outlier_sentence, used_sentence
 from .terminal_layout import layered
-from .terminal_tables import decimals, harmonic_tables, new_table, rms_cells, terms_table
+from .terminal_tables import (
+    base_table,
+    decimals,
+    harmonic_tables,
+    new_table,
+    rms_cells,
+    terms_table,
+)
 from .wording import wording
 
 #: parts of a prediction that are listed
@@ -90,20 +97,6 @@ def fit_tables(found, document, verbose=True, files=0):
                    *(f'note: {wording(note)}' for note in found.base.notes)]
     return layered([used_sentence(document), terms_table(result.term_rows()), shown, *alarms],
                    [*urgent, *details, *tables, *statistics], verbose, files)
-
-
-def base_table(base, model):
-    """The terms of a `base_model.BaseModel` as its file has them and as they were fitted."""
-    out = new_table(f'Terms of {base.path.name} and of this run, arcsec', 'term', 'there',
-                    'here', 'sigma', 'here - there', 'in sigma')
-    for row in base.compared(model)['terms']:
-        there, here, sigma, many = (row[k] for k in (
-            'there_arcsec', 'here_arcsec', 'sigma_arcsec', 'in_sigma'))
-        out.add_row(row['name'], f'{there:+.2f}', *(['-'] * 4 if here is None else [
-            f'{here:+.2f}', UNDETERMINED if sigma is None else f'{sigma:.2f}',
-            f'{here - there:+.2f}',
-            '-' if many is None else f'{many:+.1f}']))
-    return out
 
 
 def predicting_tables(found, mount):

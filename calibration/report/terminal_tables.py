@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tables of the terminal that several answers have: terms, harmonics."""
+"""Tables of the terminal that several answers have: terms, harmonics, a base model."""
 
 from itertools import zip_longest
 
@@ -100,3 +100,17 @@ def harmonic_tables(section):
 
 def rms_cells(values):
     return [f'{values[key]:.2f}' for key in ('x', 'y', 'radial')]
+
+
+def base_table(base, model):
+    """The terms of a `base_model.BaseModel` as its file has them and as they were fitted."""
+    out = new_table(f'Terms of {base.path.name} and of this run, arcsec', 'term', 'there',
+                    'here', 'sigma', 'here - there', 'in sigma')
+    for row in base.compared(model)['terms']:
+        there, here, sigma, many = (row[k] for k in (
+            'there_arcsec', 'here_arcsec', 'sigma_arcsec', 'in_sigma'))
+        out.add_row(row['name'], f'{there:+.2f}', *(['-'] * 4 if here is None else [
+            f'{here:+.2f}', UNDETERMINED if sigma is None else f'{sigma:.2f}',
+            f'{here - there:+.2f}',
+            '-' if many is None else f'{many:+.1f}']))
+    return out

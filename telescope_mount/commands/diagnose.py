@@ -135,7 +135,7 @@ def _run(args):
     if args.verbose:
         print_all(console, ['', *diagnosis_tables(view)])
     if base:
-        from calibration.report.fit_tables import base_table
+        from calibration.report.terminal_tables import base_table
         from calibration.report.wording import wording
         console.print(base_table(base, found.model))
         print_lines(console, 'note', map(wording, base.notes))
