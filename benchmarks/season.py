@@ -30,7 +30,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from calibration.analysis.season.season_causes import candidates, choose_causes
-from calibration.analysis.season.season_filter import (
+from calibration.analysis.season.season_kalman import (
     NightlyTerms,
     fit_variation,
     forecast,

@@ -31,10 +31,10 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon, parse_horizon
+from telescope_mount.guard.allowed_sky import NEAR, AllowedSky, rows_of
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.guard.motion import AxisState
 from telescope_mount.guard.track_check import Allowed, TrackCheck
-from telescope_mount.observing.allowed_sky import NEAR, AllowedSky, rows_of
 
 #: what the guard may refuse beside a limit, and what the observer keeps away, deg
 OWN, AWAY = 0.05, NEAR / DEG

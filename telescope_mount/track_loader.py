@@ -20,15 +20,11 @@ import numpy as np
 
 from calibration.analysis.satellites.track_faults import elements_age
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.mounts import ALTAZ, is_beyond, parse_mount, through_pole
-from pointing_model.runs.columns.cell_values import CLOCK, day_unit
-from pointing_model.runs.columns.cells import Cells
-from pointing_model.runs.columns.column_names import OTHER_NAMES
-from pointing_model.runs.columns.declarations import declarations
+from pointing_model.mounts import is_beyond, parse_mount, through_pole
 from pointing_model.runs.columns.pier_side import sides_of
-from pointing_model.runs.columns.run_table import content, read_lines
 from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
+from pointing_model.runs.track_reader import read_track
 from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.places import icrs_to_observed
 from pointing_model.sky.refraction import Weather, air_at, air_of_rows
@@ -38,11 +34,7 @@ from telescope_mount.night_files import log_of
 from .observing.reading_pairs import centred
 from .run_loader import load_run
 
-#: columns that name the satellite of a row
-_NAMES = ('satellite', 'object')
 _AIR = ('pressure', 'pressure_hpa'), ('temperature', 'temperature_c')
-#: of a row without readings of an encoder: where the satellite was seen
-_SEEN = (('az_deg', 'el_deg'), ('ra_deg', 'dec_deg'))
 
 
 @dataclass
@@ -116,7 +108,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     paths = [log_of(path) for path in paths]
     logs = [path for path in paths if path.is_dir() or path.suffix == '.mcap']
     for path in [path for path in paths if path not in logs]:
-        part = _read(path, site, mount)
+        part = read_track(path, mount)
         notes += part.notes
         parts.append(part)
     runs = [load_run(path, satellites=True) for path in logs]
@@ -153,70 +145,6 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     notes += orbits.notes + [elements_age(orbit, joined['time'][np.concatenate(names) == one])
                              for one, orbit in found.items() if not orbit.precise]
     return MeasuredTracks(joined, np.concatenate(names), found, site, air, frame, notes)
-
-
-@dataclass
-class _Part:
-    """One track file: cells as numbers."""
-
-    path: object
-    cells: dict
-    names: np.ndarray
-    site: dict
-    weather: dict
-    mount: str | None
-    keys: tuple
-    notes: list
-
-
-def _read(path, site, mount):
-    lines = read_lines(path)
-    if not content(lines):
-        raise ValueError(f'{path} is empty; give a CSV file with a header row')
-    table, declared = Cells(path, lines), declarations(path, lines, header=True)
-    header = set(table.header)
-    kind = next((names for names, _ in OTHER_NAMES
-                 if f'{names.columns[0]}_enc_deg' in header), ALTAZ.names)
-    keys = tuple(column_name(axis, kind) for axis in ('az_enc', 'el_enc'))
-    seen = next((pair for pair in _SEEN if set(pair) <= header), None)
-    if 'time' not in header or not (set(keys) <= header or seen):
-        raise ValueError(
-            f'{path}: a track needs time and {", ".join(keys)} (or where the satellite was seen: '
-            f'az_deg, el_deg, or ra_deg, dec_deg); there are {", ".join(table.header[:20])}')
-    read = {'time': table.times('time', table['time'])}
-    _check_clock(table, read['time'])
-    wanted = [*(keys if set(keys) <= header else seen), 'miss_x_arcsec', 'miss_y_arcsec',
-              'temperature_c', 'pressure_hpa', 'run']
-    for column in wanted:
-        if column in header:
-            read[column] = table.floats(column, table[column])
-    column = next((one for one in _NAMES if one in header), None)
-    names = np.array(table[column] if column else [''] * len(table), dtype=object)
-    good = (table.reasons == 0) & np.all(
-        [np.isfinite(read[one]) for one in ('time', *wanted[:2])], axis=0)
-    notes = list(declared['notes'])
-    if 'pier_side' in header:
-        read['pier_side'] = np.array(table['pier_side'], dtype=object)
-    if not good.any():
-        raise ValueError(f'{path}: no row has {", ".join(("time", *wanted[:2]))}')
-    if not good.all():
-        first = table.lines[np.flatnonzero(~good)[0]]
-        notes.append(f'{path}: {int((~good).sum())} rows excluded, the first in line {first}')
-    return _Part(path, {one: value[good] for one, value in read.items()}, names[good],
-                 declared.get('site') or {}, declared.get('weather') or {},
-                 mount or declared.get('mount_declared'),
-                 keys, notes)
-
-
-def _check_clock(table, time):
-    """Refuse times that count from another start than 1970: an orbit needs UTC."""
-    known = time[np.isfinite(time)]
-    if not len(known) or np.median(known) >= CLOCK:
-        return
-    unit = day_unit(known.min())
-    asked = f'is this {unit}?' if unit else 'they count from an arbitrary start.'
-    raise ValueError(f'{table.path}, column time: {known.min():.10g} to {known.max():.10g} are no '
-                     f'seconds since 1970: {asked} Give seconds since 1970 (UTC) or ISO 8601')
 
 
 def _site_of(parts, runs, path, given):

@@ -34,7 +34,7 @@ from .number_wording import number
 #: touched: rows light up in every plot, tables sort, nights filter; plots zoom and are saved; rows
 #: are excluded. Everything is on the page without it
 CSS, *_SCRIPTS = ('\n' + files(__package__).joinpath(f'page{name}').read_text(encoding='utf-8')
-                  for name in ('.css', '.js', '_zoom.js', '_refit.js'))
+                  for name in ('.css', '.js', '_plots.js', '_refit.js'))
 #: of a page that is XML too
 SCRIPT = '//<![CDATA[' + re.sub('\n +', '\n', ''.join(_SCRIPTS)) + '//]]>'
 _BODY = re.compile('<main>\n(.*)\n</main>', re.DOTALL)

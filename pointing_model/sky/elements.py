@@ -26,6 +26,7 @@ import erfa
 import numpy as np
 
 from .earth import DAY, MJD_1970, earth_orientation, split_utc, terrestrial
+from .orbits.orbit_errors import ELEMENTS
 from .orbits.time_scales import leap_seconds
 
 #: Elements of the satellite that paper 000 tracked (NORAD 26690, USA 156), 2013 day 264.
@@ -34,10 +35,6 @@ GPS_26690 = (
     '2 26690  53.1031 214.8630 0147879 241.2580   4.0622  2.00567355 92659',
 )
 
-#: revolutions a day above which an orbit is low; error of a coordinate (m) of high and low orbits
-#: at the epoch of elements, and how it grows in a day
-_LOW = 11.25
-_ERRORS = {False: (400.0, 100.0), True: (700.0, 1000.0)}
 _FIELDS_1 = (('year', 19, 20), ('day', 21, 32), ('drift of the mean motion', 34, 43))
 _FIELDS_2 = (('inclination', 9, 16), ('node', 18, 25), ('eccentricity', 27, 33),
              ('perigee', 35, 42), ('mean anomaly', 44, 51), ('mean motion', 53, 63))
@@ -154,8 +151,8 @@ class Satellite:
 
     def sigma(self, time, rest=0.0):
         """Error of a coordinate to be expected at a time, shape (...), m; worst along the orbit."""
-        low = self.record.no_kozai * 1440.0 / (2.0 * np.pi) > _LOW
-        first, growth = _ERRORS[low]
+        turns = self.record.no_kozai * 1440.0 / (2.0 * np.pi)
+        first, growth = next(one[1:] for one in ELEMENTS if turns > one[0])
         return first + growth * np.abs(np.asarray(time, float) + rest - self.epoch) / DAY
 
 

@@ -14,10 +14,14 @@
 
 """The command ``night``."""
 
+from pathlib import Path
+
 from . import options
 
 #: see `telescope_mount.missing_ros`
 NEEDS_ROS = True
+SERVER_OF_NIGHT = ('; or indi:HOST[:PORT[:KIND]] or alpaca:HOST[:PORT[:KIND]]: a mount of an INDI '
+                   'or Alpaca server in place of the simulated one, on the clock of this machine')
 
 
 def add(commands):
@@ -52,8 +56,8 @@ def add(commands):
                         'causes, such as 15,2h (default: none)')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
-    options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT + options.SERVER_OF_NIGHT)
-    options.add_server(parser)
+    options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT + SERVER_OF_NIGHT)
+    _add_server(parser)
     options.add(parser, 'params', help='ROS parameter file, read by every node after the values '
                 'above')
     parser.add_argument('--absolute', choices=('angles', 'frames'), default='angles',
@@ -65,6 +69,21 @@ def add(commands):
     options.add(parser, 'domain')
     options.add_verbose(parser, 'tables and notes')
     options.add_json(parser, 'the report')
+
+
+def _add_server(parser):
+    """Add the options of a night on a mount of a server."""
+    parser.add_argument('--camera', default='', metavar='indi:HOST:PORT:NAME',
+                        help='of a mount of a server: the camera of an INDI server whose images '
+                        'are solved (default: the position of a simulator)')
+    parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
+                        help='the same: the driver in Python of a camera of your own')
+    parser.add_argument('--exposure', type=options.real(1e-3, 600.0, 's'), metavar='S',
+                        default=options.Default('telescope_mount.server_night.EXPOSURE'),
+                        help='the same: length of its exposures, in which the mount must rest on '
+                        'its track (default: %(default)s)')
+    parser.add_argument('--anew', action='store_true', help='the same: begin a night that was '
+                        'interrupted in --out once more; by default it goes on where it stopped')
 
 
 def run(args):

@@ -176,23 +176,6 @@ SHARED = {
 MOUNT_OF_DRIVERS = f'{MOUNT_KINDS} (default: altaz)'
 RUNNING_DOMAIN = 'ROS domain (default: ROS_DOMAIN_ID, or 0)'
 MOUNT_OF_NIGHT = f'kind of the mount: {MOUNT_KINDS}; default: that of the scenario'
-SERVER_OF_NIGHT = ('; or indi:HOST[:PORT[:KIND]] or alpaca:HOST[:PORT[:KIND]]: a mount of an INDI '
-                   'or Alpaca server in place of the simulated one, on the clock of this machine')
-
-
-def add_server(parser):
-    """Add the options of a night on a mount of a server."""
-    parser.add_argument('--camera', default='', metavar='indi:HOST:PORT:NAME',
-                        help='of a mount of a server: the camera of an INDI server whose images '
-                        'are solved (default: the position of a simulator)')
-    parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
-                        help='the same: the driver in Python of a camera of your own')
-    parser.add_argument('--exposure', type=real(1e-3, 600.0, 's'), metavar='S',
-                        default=Default('telescope_mount.server_night.EXPOSURE'),
-                        help='the same: length of its exposures, in which the mount must rest on '
-                        'its track (default: %(default)s)')
-    parser.add_argument('--anew', action='store_true', help='the same: begin a night that was '
-                        'interrupted in --out once more; by default it goes on where it stopped')
 
 
 def add(parser, *names, **changes):

@@ -26,7 +26,7 @@ from msg_tools.readiness import drives
 from msg_tools.units import DEG
 from pointing_model.sky.site import Site
 from pointing_model.sky.sky_params import SKY_PARAMS
-from telescope_mount.observing.allowed_sky import AllowedSky
+from telescope_mount.guard.allowed_sky import AllowedSky
 
 from ..graph_client import GraphClient
 from .contract import check_contract

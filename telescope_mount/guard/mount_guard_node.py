@@ -28,9 +28,9 @@ from pointing_model.sky.site import Site
 from pointing_model.sky.sky_params import SKY_PARAMS, mount_of
 from pointing_model.sky.skyline import Horizon, parse_horizon
 
-from ..observing.allowed_sky import PLACE, rows_of
 from ..observing.axis_demand import Track
 from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
+from .allowed_sky import PLACE, rows_of
 from .goto import GotoSupervisor
 from .guard_params import PARAMS
 from .limits import Axis, Limits, parse_pair, travel_of

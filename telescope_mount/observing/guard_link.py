@@ -16,7 +16,7 @@
 
 from msg_tools import convert, topics
 
-from .allowed_sky import AllowedSky
+from ..guard.allowed_sky import AllowedSky
 from .axis_demand import Track
 
 NO_GUARD = 'no guard is there: start mount_guard, nothing else moves the mount'

@@ -41,13 +41,18 @@ class AxisLimits(NamedTuple):
         Past the meridian, of a German mount.
     hour_angle : float
         On either side, of the first axis of a mount that does not go through the pole.
-    allowed : allowed_sky.AllowedSky, optional
+    allowed : telescope_mount.guard.allowed_sky.AllowedSky, optional
         Where the guard lets tube and axes be.
     """
 
     meridian: float = 5.0 * DEG
     hour_angle: float = np.pi
     allowed: object = None
+
+    @classmethod
+    def of(cls, value, allowed):
+        """By the observer's parameters, which `value` gives by name."""
+        return cls(value('meridian_limit_deg') * DEG, value('hour_angle_limit_deg') * DEG, allowed)
 
     def permitted(self, mount, az, el, time, numbers):
         """Whether the guard lets the tube look at stars, with the axes where they are observed.

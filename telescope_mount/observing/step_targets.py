@@ -52,8 +52,7 @@ class StepTargets:
 
     def limits(self):
         """Of the axes, `AxisLimits`."""
-        return AxisLimits(*(self._out.value(f'{name}_limit_deg') * DEG
-                            for name in ('meridian', 'hour_angle')), self._out.guard.allowed)
+        return AxisLimits.of(self._out.value, self._out.guard.allowed)
 
     def all_over_the_sky(self, count, block, exclude, stay_up=True, between=(0.0, 90.0)):
         """So many targets, in observing order.

@@ -24,7 +24,7 @@ from pointing_model.model import PointingModel
 from ..finding import Finding
 from ..tracking.history import PAST, RATES, past_of_runs, rates_of_nights
 from .season_causes import SEASON_ALPHA, candidates, choose_causes
-from .season_filter import (
+from .season_kalman import (
     NightlyTerms,
     SeasonPath,
     TermVariation,

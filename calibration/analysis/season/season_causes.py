@@ -24,7 +24,7 @@ import numpy as np
 from scipy.special import comb, fdtrc
 
 from ...estimation.kalman import jump_gains
-from .season_filter import fit_variation
+from .season_kalman import fit_variation
 
 #: threshold of the chance below, which is too small where nights are few: so 1 season of 100 that
 #: has no cause shows one (docs/season.md)

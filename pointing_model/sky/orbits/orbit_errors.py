@@ -21,6 +21,9 @@ import numpy as np
 #: satellite by several providers differ by 40 to 420 m.
 FITTED = 0.1
 PREDICTED = ((8.4e6, 60.0, 120.0), (np.inf, 20.0, 20.0))
+#: m, of a coordinate by two-line elements: revolutions a day above which an orbit is such, its
+#: error at the epoch of the elements, and how it grows in a day
+ELEMENTS = ((11.25, 700.0, 1000.0), (-np.inf, 400.0, 100.0))
 
 
 def usual_sigma(places, tai, predicted, issued=None):

@@ -24,11 +24,11 @@ from pointing_model.mounts import parse_mount
 from pointing_model.sky.satellite_place import satellite_place
 from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import satellite_target
+from telescope_mount.guard.allowed_sky import AllowedSky, rows_of
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.guard.motion import AxisState
 from telescope_mount.guard.track_check import TrackCheck
-from telescope_mount.observing.allowed_sky import AllowedSky, rows_of
 from telescope_mount.observing.plan import parse_plan
 
 LOW = {'axis': 6.85e6, 'eccentricity': 0.001, 'tilt': 0.92}

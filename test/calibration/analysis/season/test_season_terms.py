@@ -23,7 +23,7 @@ from places import DATA
 
 from calibration.analysis.season.season_analysis import analyse_season
 from calibration.analysis.season.season_causes import candidates, choose_causes
-from calibration.analysis.season.season_filter import (
+from calibration.analysis.season.season_kalman import (
     NightlyTerms,
     TermVariation,
     fit_variation,

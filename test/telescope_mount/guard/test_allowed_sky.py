@@ -27,9 +27,9 @@ from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.guard import sky_limits
+from telescope_mount.guard.allowed_sky import NEAR, AllowedSky, rows_of
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.observing import star_choice
-from telescope_mount.observing.allowed_sky import NEAR, AllowedSky, rows_of
 from telescope_mount.observing.star_choice import choose_stars
 from telescope_mount.observing.zero_stars import zero_stars
 
