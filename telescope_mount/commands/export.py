@@ -197,9 +197,7 @@ def export_run(source, path, *, start=None, end=None, **options):
                              f'{end or "its end"}')
         run = chosen
     if path.suffix == '.parquet':
-        pyarrow, parquet = _parquet()
-        with beside(path) as part:
-            parquet.write_table(pyarrow.table(dict(run.columns)), part)
+        _write_parquet(run, path)
     else:
         write_csv(run, path)
     return run
@@ -372,6 +370,22 @@ def _as(kind, value):
     if value is None or (kind is int and not -2**63 <= value < 2**63):
         return None
     return kind(value)
+
+
+def _write_parquet(run, path):
+    """A run with the columns of its CSV file; ``time`` is a time stamp where it is UTC."""
+    import numpy as np
+
+    from pointing_model.runs.formats.csv import written_columns
+    pyarrow, parquet = _parquet()
+    columns = {name: values for name, values, _ in written_columns(run)}
+    if 'time' in columns and run.meta.get('time_is_utc', True):
+        known = np.isfinite(columns['time'])
+        columns['time'] = pyarrow.array(
+            np.rint(np.where(known, columns['time'], 0.0) * 1e6).astype(np.int64),
+            pyarrow.timestamp('us', 'UTC'), mask=~known)
+    with beside(path) as part:
+        parquet.write_table(pyarrow.table(columns), part)
 
 
 def _parquet():

@@ -96,6 +96,19 @@ def test_parquet(log, tmp_path, monkeypatch):
     assert table['position[2]'][4:6] == [None, 0.1 * 7] and table['inner.good'] == [True] * 20
 
 
+def test_parquet_of_a_run_has_the_columns_of_its_csv(tmp_path):
+    parquet = pytest.importorskip('pyarrow.parquet')
+    source = tmp_path / 'run.csv'
+    source.write_text('time,az_deg,el_deg,az_enc_deg,el_enc_deg,temperature_c\n'
+                      '2026-01-15T13:00:00.25Z,10,50,10.5,50.5,3\n,200,40,200.5,40.5,\n')
+    assert main(['export', str(source), str(tmp_path / 'run.parquet')]) == 0
+    table = parquet.read_table(tmp_path / 'run.parquet').to_pydict()
+    assert table['az_deg'] == pytest.approx([10.0, 200.0], abs=1e-12)
+    assert table['el_enc_deg'] == pytest.approx([50.5, 40.5], abs=1e-12)
+    assert [one and one.isoformat() for one in table['time']] == [
+        '2026-01-15T13:00:00.250000+00:00', None]
+
+
 def test_parquet_that_is_not_installed_is_one_line(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'pyarrow', None)
     for args in (['--topics', 'joints', '--format', 'parquet', str(tmp_path / 'out')],

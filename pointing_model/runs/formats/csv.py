@@ -288,6 +288,35 @@ def _plain(values, unit):
     return ['' if v != v else f'{round(v, digits) + 0.0:.{digits}f}' for v in values.tolist()]
 
 
+def written_columns(run):
+    """The columns of a run as a file has them.
+
+    Parameters
+    ----------
+    run : PointingRun
+
+    Yields
+    ------
+    name : str
+        Such as ``az_deg``; those of `COLUMNS` in their order, then the user's own.
+    values : ndarray, shape (n,)
+        In the unit of the name; ``time`` in seconds.
+    unit : float
+        Of the name, in SI.
+    """
+    mount, beyond = run.mount, is_beyond(run['el'])
+    places = {} if mount.vertical and not beyond.any() else dict(zip(
+        ('az', 'el'), through_pole(run['az'], run['el'], beyond)))  # the readings tell the side
+    for name in [*(one for one in COLUMNS if one in run),
+                 *(one for one in run.columns if one not in COLUMNS)]:
+        values = places.get(name, run[name])
+        if name in ('miss_x', 'miss_y'):
+            values = np.where(beyond, -values, values)
+        unit = COLUMNS[name][1] if name in COLUMNS else 1.0
+        yield (column_name(name, mount.names),
+               values / unit if unit != 1.0 and values.dtype.kind in 'fc' else values, unit)
+
+
 def write_csv(run, path, *, plain=False):
     """Write a run as CSV that `read_run` gives back to better than 1e-9 arcsec.
 
@@ -314,26 +343,16 @@ def write_csv(run, path, *, plain=False):
     plain; unknown (NaN) is an empty cell; time is ISO 8601 UTC, or seconds where the run's
     ``meta['time_is_utc']`` is False. The rest of ``meta`` is not written.
     """
-    names = [name for name in COLUMNS if name in run]
-    names += [name for name in run.columns if name not in COLUMNS]
-    header, columns, mount = [], [], run.mount
-    beyond = is_beyond(run['el'])
-    places = {} if mount.vertical and not beyond.any() else dict(zip(
-        ('az', 'el'), through_pole(run['az'], run['el'], beyond)))  # the readings tell the side
-    for name in names:
-        values = places.get(name, run[name])
-        unit = COLUMNS[name][1] if name in COLUMNS else 1.0
-        header.append(column_name(name, mount.names))
-        if name in ('miss_x', 'miss_y'):
-            values = np.where(beyond, -values, values)
+    columns = []
+    for name, values, unit in written_columns(run):
         if name == 'time' and run.meta.get('time_is_utc', True):
             columns.append(iso_utc(np.asarray(values, dtype=float), 'us' if plain else 'ns'))
         elif values.dtype.kind in 'fc':
-            values = values if unit == 1.0 else values / unit
             columns.append(_plain(values, unit) if plain else
                            ['' if v != v else repr(v) for v in values.tolist()])
         else:
             columns.append(values.tolist())
+    header = [name for name, _, _ in written_columns(run)]
     texts = [cell for cells in [header, *columns] for cell in cells if isinstance(cell, str)]
     if any('\n' in text or '\r' in text for text in texts):
         raise ValueError(f'{path}: a name in the run spans lines; CSV rows are lines here')
