@@ -25,6 +25,7 @@ from calibration.analysis.camera_faults import SAME_FRAMES
 from msg_tools.units import ARCSEC, DEG
 
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
+CLOCK = 'clock of this machine'
 #: with which the sentences of `InstrumentHealth` begin
 ALARM = 'instrument '
 #: a reading is not stamped so far ahead of the graph's time: a slew and a homing are, ns
@@ -37,6 +38,8 @@ BEYOND_FIELD = 0.1
 CLOCK_JUMP = 10**9
 #: messages without a fault after which one is over
 RECOVERED = 5
+#: by which the sky turns, arcsec/s
+SIDEREAL = 15.04
 #: an encoder that differs by more from its demand did not follow the command, rad
 OFF_TARGET = 60.0 * ARCSEC
 
@@ -50,6 +53,7 @@ REMEDIES = {
     'message': 'mend its driver (docs/real_mount.md)',
     'stamps': 'stamp with the time of the measurement, of a clock set by NTP',
     'frozen': 'look at the instrument',
+    'step': 'keep it by NTP, and set the zero anew',
     'number': 'home it again',
     'zero': 'home it, or power it off and on, and set the zero anew: it has changed. '
             'Look at its head, disc and cable',
@@ -159,6 +163,14 @@ class InstrumentHealth:
         """Take how the axes do not follow the command, in words; '' where they do."""
         # after a jump readings beside the track say no more
         self._fault(name, 'motion', '' if (name, 'zero') in self._faults else text)
+
+    def clock(self, step=0.0, now=0):
+        """Take by how much (s) the clock of all stamps was set ahead, at `now` (ns); 0: no more."""
+        time = np.datetime64(now, 'ns').astype('datetime64[s]').item()
+        self._fault(CLOCK, 'step', '' if not step else
+                    f'set {"ahead" if step > 0.0 else "back"} by {abs(step):.2f} s at '
+                    f'{time:%H:%M:%S} UTC: places of stars moved by up to '
+                    f'{abs(step) * SIDEREAL:.1f} arcsec')
 
     def publishers(self, name, nodes, unnamed=False):
         """Take who publishes an instrument's messages.

@@ -32,6 +32,8 @@ STILL = 0.01 * DEG
 QUIET, PERIODS, LONGEST = 0.5, 5.0, 2.0
 #: between two looks, which are to be half a second apart, wall s
 LATE = 0.9
+#: s by which the clock of this machine leaves that which nobody can set, once it was set
+CLOCK_STEP = 0.1
 #: periods that must be known for that, and that are kept
 LEAST_GAPS, KEPT_GAPS = 10, 200
 #: gaps of which one that is slow is told
@@ -106,6 +108,7 @@ class Instruments:
         self._gaps, self._steps, self._pauses = {}, {}, {}  # of the wall, by stamps, the lesser
         self._watched, self.excused = None, False
         self._awaited = None  # since when all are to speak, wall s
+        self._ahead = None  # time of the graph less that of the wall, s
 
     def take_incremental(self, stamp, angle, rate, power_on=None):
         """Take a reading; True where the clock went back. ValueError for one out of order.
@@ -279,6 +282,7 @@ class Instruments:
         self._watched, self.excused = now, late and not self.excused
         if self.excused or not self.live:
             return
+        self._look_for_step()
         if self._awaited is None:
             self._awaited = now
         for name in self.names:
@@ -291,6 +295,16 @@ class Instruments:
                     LONGEST * max(self._pauses[name])):
                 self.health.silent(name, usual)
             self.health.slow(name, self.usual(name, SLOW_GAPS), answer)
+
+    def _look_for_step(self):
+        """The wall's clock cannot be set: one that leaves it was, and all stamps with it."""
+        before, now = self._wall(), self._now()
+        if not now or self._wall() - before > 0.1 * CLOCK_STEP:  # no time between: no comparison
+            return
+        ahead = now * 1e-9 - before
+        self._ahead, last = ahead, self._ahead
+        if last is not None and abs(ahead - last) > CLOCK_STEP:
+            self.health.clock(ahead - last, now)
 
     def restart_silence(self, name):
         """Count the silence of an instrument from now on."""

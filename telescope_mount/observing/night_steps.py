@@ -288,6 +288,7 @@ class NightSteps:
         if known.zero_stamp < newest:  # the fit makes a zero of each power-on
             self.out.get_logger().warning(
                 'the new zero is of a power-on that is over: the old one stays active')
+        self.instruments.health.clock()  # stars by the clock as it is now
 
     def _do_new_model(self, step):
         yield from self.new_model(step.verb)

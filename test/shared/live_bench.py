@@ -125,6 +125,10 @@ class Live(Bench):
         seen = np.hypot(*miss) < 0.3 * DEG
         return miss + ARCSEC * next(self.noise) if seen else np.full(2, np.nan)
 
+    def read(self, stamp, angles):
+        self.wall += (stamp - self.stamp) / SECOND  # both clocks go on together
+        super().read(stamp, angles)
+
     def lasts(self, seconds):
         for _ in range(round(seconds / STEP)):
             self.tick()

@@ -165,6 +165,27 @@ def test_one_that_ends_while_it_starts_is_silent_too():
     assert wall.looks(0.5) == [f'instrument {MOUNT}: silent; it sent something every 0.05 s']
 
 
+def test_a_clock_that_was_set_is_named_until_the_zero_is_new():
+    wall, time = Wall(), [0.0]
+    wall.instruments = Instruments(wall=lambda: wall.now, live=True, absolute=False,
+                                   now=lambda: round((time[0] + wall.now) * 1e9))
+
+    def told():
+        wall.looks(5.0)
+        return [text for text in wall.instruments.health.sentences.values() if 'clock' in text]
+    time[0] = 1_768_482_000.0
+    assert told() == []
+    time[0] += 0.05  # what a busy process may lose between two calls
+    assert told() == []
+    time[0] += 0.5
+    (text,) = told()
+    assert text.startswith('instrument clock of this machine: set ahead by 0.50 s at 13:16:51 UTC')
+    wall.instruments.health.clock()
+    assert told() == []
+    time[0] -= 0.5
+    assert 'set back by 0.50 s' in told()[0]
+
+
 def test_of_one_pause_nobody_is_slow():
     wall = Wall()
     wall.speaks([0.1, 25.0], step=25.0)
