@@ -39,7 +39,7 @@ from pointing_model.calibration_messages import joints_to_zero
 from pointing_model.model import PointingModel
 from pointing_model.model_document import KEY
 from pointing_model.runs.run_messages import cloud_to_run
-from telescope_mount.observing.camera_clock import offset_of
+from telescope_mount.observing.camera_delay import offset_of
 
 from .log_check_rows import RAW, Pairing, at_time, began_anew
 from .log_comparison import LogComparison, same_document

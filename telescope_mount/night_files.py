@@ -133,7 +133,7 @@ def write_results(folder, results, bag=None):
     from pointing_model.model import PointingModel
     from pointing_model.runs.run_messages import cloud_to_run
     from pointing_model.sky.earth import earth_orientation
-    from telescope_mount.observing.camera_clock import sentence
+    from telescope_mount.observing.camera_delay import sentence
 
     run = cloud_to_run(results[topics.OBSERVATIONS.name])
     fitted = results.get(topics.CALIBRATION_REPORT.name)

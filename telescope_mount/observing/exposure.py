@@ -27,7 +27,7 @@ from pointing_model.runs.run import PointingRun
 
 from .axis_check import FollowingCheck
 from .axis_demand import Conditions, Pointing, on_sky, track_to
-from .camera_clock import Drifting, row_of
+from .camera_delay import Drifting, row_of
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .reading_pairs import centred, centred_second
 
@@ -217,7 +217,7 @@ class Exposer:
             self.forget_aim()
 
     def drift(self, pointing, rate, place):
-        """Steps that make an exposure while the axes drift past a star, see `camera_clock`.
+        """Steps that make an exposure while the axes drift past a star, see `camera_delay`.
 
         Parameters
         ----------
@@ -229,7 +229,7 @@ class Exposer:
         Returns
         -------
         row : list or None
-            As of `camera_clock.row_of`; None where there was no star or the track was refused.
+            As of `camera_delay.row_of`; None where there was no star or the track was refused.
         second : list or None
             The same of the absolute encoder.
         place : ndarray, shape (2,)

@@ -27,7 +27,7 @@ from msg_tools.steps import CallRefused, call
 from pointing_model.sky.star_catalogue import POLARIS_HIP, satellite_target
 from pointing_model.zero import MARK
 
-from . import camera_clock
+from . import camera_delay
 from .axis_demand import AxesAtRest
 from .discrimination_step import distinguish_causes
 from .exposure import Exposer
@@ -130,12 +130,12 @@ class NightSteps:
     @property
     def clocks_are_off(self):
         """Whether they differ."""
-        return camera_clock.is_off(self.clocks.get('found'))
+        return camera_delay.is_off(self.clocks.get('found'))
 
     @property
     def clocks_sentence(self):
         """What is known of the clocks of camera and encoder, '' where nothing is."""
-        return self.clocks and camera_clock.sentence(
+        return self.clocks and camera_delay.sentence(
             self.clocks['found'], self.clocks['camera_late_s'], self.clocks['absolute']) or ''
 
     # --- the steps ----------------------------------------------------------------------------
@@ -168,9 +168,9 @@ class NightSteps:
             return
         pointing, place = exposer.aimed_at(star), np.zeros(2)
         rows, seconds = [], []
-        full = camera_clock.rate_for(value('exposure_s'), value('clock_rate_arcsec_s'))
-        for rate in camera_clock.legs(step.count, full):
-            out = np.abs(place) > camera_clock.FARTHEST  # an exposure that took long led too far
+        full = camera_delay.rate_for(value('exposure_s'), value('clock_rate_arcsec_s'))
+        for rate in camera_delay.legs(step.count, full):
+            out = np.abs(place) > camera_delay.FARTHEST  # an exposure that took long led too far
             rate = np.where(out, -np.sign(place) * np.abs(rate), rate)
             row, second, place = yield from exposer.drift(pointing, rate, place)
             rows += [row] if row else []
@@ -179,8 +179,8 @@ class NightSteps:
                 break
         self.clocks = {
             'star': star.number, 'camera_late_s': value('camera_late_s'),
-            'found': camera_clock.offset_of(rows), 'exposures': rows,
-            'absolute': camera_clock.offset_of(seconds), 'absolute_exposures': seconds}
+            'found': camera_delay.offset_of(rows), 'exposures': rows,
+            'absolute': camera_delay.offset_of(seconds), 'absolute_exposures': seconds}
         if self.clocks['found'] is None or self.clocks_are_off:
             self.out.get_logger().warning(self.clocks_sentence)
         else:  # a logger takes one severity from one line

@@ -22,7 +22,7 @@ from bench import SECOND
 from live_bench import Live
 
 from msg_tools.units import ARCSEC
-from telescope_mount.observing import camera_clock
+from telescope_mount.observing import camera_delay
 from telescope_mount.observing.instruments import CAMERA
 
 #: the camera of the bench sees the axes of now and the star of then, s
@@ -32,7 +32,7 @@ OWN = -0.25
 def exposures(count=24, late=0.2, seed=1, noise=1.0, **beside):
     """Rows of a star that is centred but for `noise`, with what else acts."""
     rng = np.random.default_rng(seed)
-    rates = camera_clock.legs(count, 30.0 * ARCSEC)
+    rates = camera_delay.legs(count, 30.0 * ARCSEC)
     place = np.vstack([np.zeros(2), np.cumsum(1.7 * rates, axis=0)[:-1]])
     error = rng.normal(0.0, noise * ARCSEC, (count, 2))
     miss = error - place - 0.8 * rates
@@ -41,7 +41,7 @@ def exposures(count=24, late=0.2, seed=1, noise=1.0, **beside):
            + beside.get('scale', 0.0) * miss + beside.get('turn', 0.0) * miss[:, ::-1]
            + beside.get('backlash', 0.0) * ARCSEC * sense
            + beside.get('drift', 0.0) * ARCSEC * np.arange(count)[:, np.newaxis])
-    return [camera_clock.row_of(i * 1_700_000_000, *row) for i, row in enumerate(
+    return [camera_delay.row_of(i * 1_700_000_000, *row) for i, row in enumerate(
         zip(rates, sense, miss, out))]
 
 
@@ -50,12 +50,12 @@ def exposures(count=24, late=0.2, seed=1, noise=1.0, **beside):
     ids=['alone', 'scale', 'rotation', 'backlash', 'drift'])
 @pytest.mark.parametrize('late', [-0.5, 0.0, 0.05, 0.2])
 def test_the_offset_and_nothing_else(late, beside):
-    found = camera_clock.offset_of(exposures(late=late, noise=1e-6, **beside))
+    found = camera_delay.offset_of(exposures(late=late, noise=1e-6, **beside))
     assert found['offset_s'] == pytest.approx(late, abs=1e-5)
 
 
 def test_its_error_is_the_scatter_of_many():
-    found = [camera_clock.offset_of(exposures(seed=seed)) for seed in range(300)]
+    found = [camera_delay.offset_of(exposures(seed=seed)) for seed in range(300)]
     offsets = np.array([one['offset_s'] for one in found]) - 0.2
     sigmas = np.array([one['sigma_s'] for one in found])
     assert np.std(offsets / sigmas) == pytest.approx(1.0, abs=0.12)
@@ -65,25 +65,25 @@ def test_its_error_is_the_scatter_of_many():
 def test_an_exposure_that_is_none_of_the_star_is_left_out():
     rows = exposures()
     rows[7][-1] += 30.0 * ARCSEC
-    found = camera_clock.offset_of(rows)
+    found = camera_delay.offset_of(rows)
     assert found['exposures'] == 23
     assert abs(found['offset_s'] - 0.2) < 4.0 * found['sigma_s']
 
 
 def test_too_few_exposures_tell_nothing():
-    assert camera_clock.offset_of(exposures()[:8]) is None
-    assert camera_clock.offset_of([]) is None
+    assert camera_delay.offset_of(exposures()[:8]) is None
+    assert camera_delay.offset_of([]) is None
     # of one rate alone no time is told from backlash
     fast = [row for row in exposures(96) if abs(row[1]) > 20.0 * ARCSEC]
-    assert camera_clock.offset_of(fast) is None
-    assert 'too few' in camera_clock.sentence(None)
+    assert camera_delay.offset_of(fast) is None
+    assert 'too few' in camera_delay.sentence(None)
 
 
 def test_legs_stay_near_the_star():
-    rates = camera_clock.legs(64, 30.0 * ARCSEC)
-    assert np.abs(np.cumsum(2.0 * rates, axis=0)).max() < camera_clock.FARTHEST
-    assert camera_clock.rate_for(10.0, 30.0) == pytest.approx(3.0 * ARCSEC)
-    assert camera_clock.rate_for(0.0, 30.0) == pytest.approx(30.0 * ARCSEC)
+    rates = camera_delay.legs(64, 30.0 * ARCSEC)
+    assert np.abs(np.cumsum(2.0 * rates, axis=0)).max() < camera_delay.FARTHEST
+    assert camera_delay.rate_for(10.0, 30.0) == pytest.approx(3.0 * ARCSEC)
+    assert camera_delay.rate_for(0.0, 30.0) == pytest.approx(30.0 * ARCSEC)
 
 
 @pytest.mark.parametrize('late, corrected', [(0.0, 0.0), (0.2, 0.0), (0.2, 0.2)])
@@ -98,7 +98,7 @@ def test_a_plan_measures_it_and_says_what_to_do(caplog, late, corrected):
     assert bench.plan.progress.state == 'done' and len(bench.rows) == 2
     found = texts[0]['clocks']['found']
     assert abs(found['offset_s'] - (late - corrected)) < 4.0 * found['sigma_s'] < 0.06
-    assert found == camera_clock.offset_of(texts[0]['clocks']['exposures'])
+    assert found == camera_delay.offset_of(texts[0]['clocks']['exposures'])
     assert texts[-1]['clocks'] == texts[0]['clocks'] and len(texts[-1]['checks']) == 1
     told, off = bench.plan.night.clocks_sentence, bench.plan.night.clocks_are_off
     assert told in caplog.text and off is (late != corrected)
