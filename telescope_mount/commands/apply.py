@@ -63,7 +63,7 @@ def run(args):
     from pointing_model.runs.columns.cells import write_rows
     from pointing_model.runs.model_reader import read_model
 
-    from ..model_table import apply_to_table
+    from ..apply_table import apply_to_table
     from .console import new_console, print_lines, step_aside
     if args.zero not in (NEWEST, NO_ZEROS):
         try:
