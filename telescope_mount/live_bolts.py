@@ -23,7 +23,7 @@ import numpy as np
 from calibration.report.bolt_wording import axis_document, watch_lines
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.alignment import polar_axis
-from pointing_model.image_alignment import Image
+from pointing_model.image_alignment import LEAST_TURN, Image
 from pointing_model.mounts import through_pole, unit_vector
 from pointing_model.runs.formats.images import common_site, one_image
 from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
@@ -36,10 +36,10 @@ from pointing_model.sky.site import Site
 
 from .bolt_watch import COLLECTED, STOPPED, THREE, BoltWatch
 
-#: of a solution without a sigma, as a part of a pixel
 #: exposures of a camera, s; how often a folder is looked at, s; without a new image for how long it
 #: ends, s; how near to the pole is near enough, arcsec
 EXPOSURE, EVERY, PATIENCE, WITHIN_ARCSEC = 1.0, 2.0, 600.0, 10.0
+#: of a solution without a sigma, as a part of a pixel
 _SIGMA = 0.3
 #: least sigma of an image, rad: what solvers give knows no seeing and no wind
 _SEEING = 1.0 * ARCSEC
@@ -226,8 +226,9 @@ def _watched(source, args, model):
     from .commands.console import new_console, write_outputs
     console, watch, readings, last = new_console(), None, [], None
     per_turn = args.per_turn and [60.0 * v for v in args.per_turn]
-    console.print('Three images first: turn the hour axis alone by 15 degrees or more between '
-                  'them.' if model is None else 'What is left is reported after each image.')
+    console.print('What is left is reported after each image.' if model is not None else
+                  f'Three images first: turn the hour axis alone by {LEAST_TURN / DEG:.0f} degrees '
+                  'or more between them, better by 15.')
     quiet, code = time.monotonic(), 1
     while time.monotonic() - quiet < args.patience and not (readings and readings[-1].get('end')):
         for name, written, image, reason in source.new_images():

@@ -145,6 +145,9 @@ def test_a_model_tells_what_to_turn(ended, refused, tmp_path):
     assert 90.0 < (document['polar_axis']['pole']['altitude_deg'] - 30.0) * 3600.0 < 101.0
     assert 'is of images' in refused('bolts', path, '--solver', 'astap')
     assert 'on bolts, not on feet' in refused('bolts', path, '--feet', 1000)
+    assert ended('bolts', path, '--mount', 'german', '--latitude', '-30.005')[0] == 0
+    for other in (('--latitude', 30), ('--mount', 'fork')):
+        assert 'a mount that is german, latitude -30.0000' in refused('bolts', path, *other)
 
 
 def solved(place, moment, hour):
