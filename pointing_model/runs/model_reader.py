@@ -24,7 +24,9 @@ from .model_files import coefficient_table
 from .model_files.transfer import imported, program_for
 from .programs import PROGRAMS
 
-_OURS = ('.json', '.yaml', '.yml')
+#: ``ImportedModel.program`` of a document of this project
+OURS = 'telescope_mount'
+_SUFFIXES = ('.json', '.yaml', '.yml')
 
 
 @dataclass
@@ -35,7 +37,7 @@ class ImportedModel:
     ----------
     model : PointingModel
     program : str
-        ``telescope_mount``, ``table`` or a name of `PROGRAMS`.
+        `OURS`, ``table`` or a name of `PROGRAMS`.
     notes : list of str
         What a reader should know.
     """
@@ -66,12 +68,12 @@ def read_model(path, mount=ALTAZ):
         The file cannot be read.
     """
     path = Path(path)
-    if path.suffix.lower() in _OURS:
+    if path.suffix.lower() in _SUFFIXES:
         model = PointingModel.load(path)
         if not mount.vertical and not model.mount.agrees(mount):
             raise ValueError(f'{path} is a model of another mount ({mount_wording(model.mount)}) '
                              f'than the one that is meant ({mount_wording(mount)})')
-        return ImportedModel(model, 'telescope_mount')
+        return ImportedModel(model, OURS)
     data = path.read_bytes()
     if not data.strip():
         raise ValueError(f'{path} is empty')

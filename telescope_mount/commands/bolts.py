@@ -19,8 +19,6 @@ from pathlib import Path
 
 from . import options
 
-_SAME_LATITUDE = 0.01  # deg
-
 
 def add(commands):
     """Add the parser."""
@@ -125,7 +123,7 @@ def model_of(args):
     if args.file.suffix.lower() == '.json':
         from pointing_model.model import PointingModel
         model = PointingModel.load(args.file)
-        _refuse_other(args, model.mount)
+        options.check_mount(args, args.file, model.mount)
         return model, [], None
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.wording import wording
@@ -135,19 +133,6 @@ def model_of(args):
     found = fit_run(one_of_runs(run, None, args.file.is_dir()), encoder=args.encoder,
                     source=args.file)
     return found.model, list(map(wording, found.findings)), run.meta.get('equinox_taken')
-
-
-def _refuse_other(args, mount):
-    """Refuse options that contradict a model: nothing is fitted anew."""
-    from math import degrees
-
-    from pointing_model.mounts import parse_mount
-    other = args.mount and parse_mount(args.mount, mount.latitude).kind != mount.kind
-    if other or mount.celestial and args.latitude is not None and abs(
-            args.latitude - degrees(mount.latitude)) > _SAME_LATITUDE:
-        latitude = f', latitude {degrees(mount.latitude):.4f} deg' if mount.celestial else ''
-        raise ValueError(f'{args.file} is of a mount that is {mount.kind}{latitude}: leave --mount '
-                         'and --latitude out, or give the run that it was fitted to')
 
 
 def refraction_of(args, latitude):

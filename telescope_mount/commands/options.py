@@ -27,6 +27,8 @@ from pointing_model.mount_kinds import kinds_text
 
 from ..night_files import log_of, model_of
 
+#: deg by which latitudes of one mount may differ
+_SAME_LATITUDE = 0.01
 #: types for ``add_argument``: a log or run, and a model; a night's folder stands for both
 log_path, model_path = log_of, model_of
 #: kinds of mounts, of every command
@@ -220,6 +222,19 @@ def mount_of(args):
     from msg_tools.units import DEG
     from pointing_model.mounts import parse_mount
     return parse_mount(args.mount, None if args.latitude is None else args.latitude * DEG)
+
+
+def check_mount(args, path, mount):
+    """Refuse --mount and --latitude that contradict the mount of a model of ours."""
+    from math import degrees
+
+    from pointing_model.mounts import parse_mount
+    other = args.mount and parse_mount(args.mount, mount.latitude).kind != mount.kind
+    if other or mount.celestial and args.latitude is not None and abs(
+            args.latitude - degrees(mount.latitude)) > _SAME_LATITUDE:
+        latitude = f', latitude {degrees(mount.latitude):.4f} deg' if mount.celestial else ''
+        raise ValueError(f'{path} is of a mount that is {mount.kind}{latitude}: leave --mount '
+                         'and --latitude out, or fit its run anew')
 
 
 def place_of(args):
