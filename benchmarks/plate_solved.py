@@ -44,6 +44,7 @@ from encoder_sim.mount_geometry import (
     direction,
 )
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import centred
 from pointing_model.runs.formats.csv import iso_utc
 from pointing_model.runs.plate_solves.frames import parse_frame, to_icrs
 from pointing_model.runs.run import PointingRun
@@ -51,7 +52,6 @@ from pointing_model.sky.places import observed_place, observed_to_icrs
 from pointing_model.sky.refraction import Weather
 from pointing_model.sky.site import Site
 from pointing_model.sky.star_catalogue import load_catalogue
-from telescope_mount.observing.reading_pairs import centred
 
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
 START = 1_795_000_000.0  # 2026-11-18T11:06:40Z

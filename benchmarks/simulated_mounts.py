@@ -38,11 +38,10 @@ from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
 from encoder_sim.star_camera import Camera
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import declared_graduation
-from pointing_model.mounts import through_pole
+from pointing_model.mounts import centred, through_pole
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import load_catalogue
-from telescope_mount.observing.reading_pairs import centred
 
 START = 1_768_482_000  # 2026-01-15 13:00 UTC
 #: s from one star to the next, and from its first exposure to the one that counts

@@ -22,13 +22,11 @@ from itertools import islice
 import numpy as np
 
 from msg_tools.convert import read_joints, read_trajectory
-from pointing_model.mounts import is_beyond
+from pointing_model.mounts import centred, centred_second, is_beyond
 from telescope_mount.observing.axis_demand import Track
-from telescope_mount.observing.reading_pairs import (
+from telescope_mount.observing.frame_choice import (
     CLOCK_JUMP,
     RATE_OVER,
-    centred,
-    centred_second,
     half_of,
     interpolate,
     mean_over,

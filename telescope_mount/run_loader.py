@@ -322,7 +322,7 @@ def _without_check_rows(run):
 
 def _readings(columns, beyond=False):
     """Readings of the encoders at the exposure, from those with the star centred."""
-    from telescope_mount.observing.reading_pairs import centred
+    from pointing_model.mounts import centred
     az, el = columns['az_enc'], columns['el_enc']
     if 'miss_x' not in columns or 'miss_y' not in columns:
         return az, el

@@ -20,7 +20,7 @@ import numpy as np
 
 from calibration.analysis.satellites.track_faults import elements_age
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.mounts import is_beyond, parse_mount, through_pole
+from pointing_model.mounts import centred, is_beyond, parse_mount, through_pole
 from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
@@ -31,7 +31,6 @@ from pointing_model.sky.refraction import Weather, air_at, air_of_rows
 from pointing_model.sky.site import Site
 from telescope_mount.night_files import log_of
 
-from .observing.reading_pairs import centred
 from .run_loader import load_run
 
 _AIR = ('pressure', 'pressure_hpa'), ('temperature', 'temperature_c')

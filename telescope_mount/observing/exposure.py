@@ -23,13 +23,13 @@ import numpy as np
 
 from calibration.analysis.camera_faults import turned_rows
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.mounts import centred, centred_second
 from pointing_model.runs.run import PointingRun
 
 from .axis_check import FollowingCheck
 from .axis_demand import Conditions, Pointing, on_sky, track_to
 from .camera_delay import Drifting, row_of
 from .instruments import ABSOLUTE, CAMERA, MOUNT
-from .reading_pairs import centred, centred_second
 
 #: exposures without a star after which it is given up: one that was under way when the mount was
 #: commanded is smeared

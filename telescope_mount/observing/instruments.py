@@ -22,8 +22,8 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
+from .frame_choice import ENCODERS, Exposures
 from .instrument_health import ABSOLUTE, CAMERA, MOUNT, InstrumentHealth
-from .reading_pairs import ENCODERS, Exposures
 from .zero_jumps import ZeroJumps
 
 #: an axis slower than this stands still, rad/s

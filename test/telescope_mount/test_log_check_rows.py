@@ -24,12 +24,13 @@ from rclpy.serialization import serialize_message
 from msg_tools import convert, topics
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC
+from pointing_model.mounts import centred
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import run_to_cloud
 from telescope_mount.log_check import _read
 from telescope_mount.log_comparison import LogComparison
 from telescope_mount.observing.axis_demand import Track
-from telescope_mount.observing.reading_pairs import RATE_OVER, Exposures, centred
+from telescope_mount.observing.frame_choice import RATE_OVER, Exposures
 
 SECOND = 10**9
 START = 1_768_482_000 * SECOND

@@ -22,6 +22,7 @@ from places import CASES
 from calibration.analysis.term_fit import fit_terms
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.mounts import centred
 from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
@@ -30,7 +31,6 @@ from pointing_model.sky.star_catalogue import POLARIS_HIP
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run
 from telescope_mount.log_check import verify_log
-from telescope_mount.observing.reading_pairs import centred
 from telescope_mount.run_loader import _readings, load_run, load_runs
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'

@@ -18,14 +18,13 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.mounts import Mount, through_pole
+from pointing_model.mounts import Mount, centred, through_pole
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.bridges.axes_and_places import place_of_date
 from telescope_mount.bridges.star_field import StarField
-from telescope_mount.observing.reading_pairs import centred
 
 MOUNT = Mount.equatorial(DEFAULT_SITE.latitude, 'german')
 STAMP = 1_768_482_000 * 10**9

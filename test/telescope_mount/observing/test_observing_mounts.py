@@ -21,13 +21,12 @@ from bench import START, Bench
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
-from pointing_model.mounts import Mount, is_beyond
+from pointing_model.mounts import Mount, centred, is_beyond
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue
-from telescope_mount.observing.reading_pairs import centred
 from telescope_mount.observing.star_choice import choose_stars
 
 LATITUDE = DEFAULT_SITE.latitude

@@ -25,8 +25,8 @@ import pytest
 from bench import EXPOSURE, SECOND, Bench
 
 from msg_tools.units import ARCSEC, wrap
+from pointing_model.mounts import centred
 from telescope_mount.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
-from telescope_mount.observing.reading_pairs import centred
 from telescope_mount.observing.sequencer import Sequencer
 
 HOUR = 3600 * SECOND

@@ -23,8 +23,8 @@ from live_bench import SPEED, STEP, Live
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from telescope_mount.observing.axis_demand import Track
+from telescope_mount.observing.frame_choice import Exposures
 from telescope_mount.observing.instruments import MOUNT
-from telescope_mount.observing.reading_pairs import Exposures
 
 SUB = 10  # steps of the swing in a step of the bench
 

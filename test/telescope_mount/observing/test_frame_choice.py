@@ -17,8 +17,9 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.encoder_difference import interpolate
+from pointing_model.mounts import centred
 from telescope_mount.observing.axis_demand import Track
-from telescope_mount.observing.reading_pairs import Exposures, Readings, centred
+from telescope_mount.observing.frame_choice import Exposures, Readings
 
 NS = 1_768_482_000_000_000_000
 SECOND = 10**9
