@@ -14,8 +14,8 @@
 
 """One way to load pointing runs, whatever they are kept in."""
 
-
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,6 +37,8 @@ from pointing_model.sky.site import SITE
 from pointing_model.sky.skyline import parse_horizon
 
 from .night_files import log_of
+
+_SAME_START = 2e-3  # s: messages tell it to the millisecond
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,
@@ -218,12 +220,12 @@ def run_of_log(path, satellites=False):
     from msg_tools.bag.topic_names import prefix_of
     from msg_tools.units import wrap
     from pointing_model.calibration_messages import ZeroPairs, joints_to_zero
-    from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, way_of
+    from pointing_model.zero import NO_ZERO, is_for_zero, way_of
 
     bag = _log(path)
     if bag.has_truth:
         raise ValueError(f'{path} holds the truth of the simulator; fit the log beside it')
-    parts, zeros, prefix = [], Zeros(), prefix_of(bag)
+    parts, zeros, prefix = [], {}, prefix_of(bag)
     names = [f'{prefix}{topic.name}' for topic in (
         topics.OBSERVATION, topics.ZERO, topics.ZERO_IDENTITY)]
     identified = any(topic.name == names[2] and topic.count for topic in bag.topics)
@@ -234,7 +236,9 @@ def run_of_log(path, satellites=False):
         elif parts:
             found = take(message.data, run=parts[-1]['run'][-1])
             if found is not None:
-                zeros[found[1].run] = found[1]
+                key = found[1].run, found[1].started
+                zeros.pop(key, None)  # the newest of a number is the last
+                zeros[key] = found[1]
     if not parts:
         raise NoObservations(f'{path} has no observation in it')
     run, notes = PointingRun.concatenate(parts), []
@@ -242,6 +246,7 @@ def run_of_log(path, satellites=False):
     if copied.any():
         notes.append(written_twice(copied))
         run = run.select(~copied)
+    run, zeros = _power_ons(run, zeros, notes)
     columns = dict(run.columns)
     columns['az_raw'], columns['el_raw'] = _readings(columns, not run.mount.vertical
                                                      and is_beyond(run['el']))
@@ -268,6 +273,35 @@ def run_of_log(path, satellites=False):
     if site:
         meta['site'] = {**site, **known_site(meta)}
     return _without_check_rows(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
+
+
+def _power_ons(run, zeros, notes):
+    """A number for each power-on, where nights in one log have the same; and its zero.
+
+    Parameters
+    ----------
+    run : PointingRun
+    zeros : dict of (number, number or None) to PowerOnZero
+        By the number of the power-on and when it began, UTC s.
+    notes : list of str
+        What is done is added.
+
+    Returns
+    -------
+    PointingRun, Zeros
+    """
+    from pointing_model.zero import Zeros
+    began = np.nan_to_num(np.asarray(run.get('encoder_start', np.zeros(len(run))), float))
+    keys, rows = np.unique([began, run['run']], axis=1, return_inverse=True)
+    number = np.arange(len(keys.T)) + int(np.min(run['run']))
+    if len(keys.T) == len(np.unique(keys[1])):
+        return run, Zeros(zeros.values())
+    notes.append(f'{len(keys.T)} power-ons share {len(np.unique(keys[1]))} numbers: they are of '
+                 'several nights, and are numbered anew')
+    return PointingRun({**run.columns, 'run': number[rows.ravel()]}, run.meta), Zeros(
+        replace(zero, run=int(new)) for new, (start, old) in zip(number, keys.T)
+        for (of, when), zero in zeros.items()
+        if of == old and when is not None and abs(when - start) < _SAME_START)
 
 
 def declared_by(parameters, notes):

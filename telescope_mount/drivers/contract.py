@@ -221,6 +221,11 @@ def _units(out, samples, values):
     return False
 
 
+def _velocity_text(ratio):
+    return (f'velocity is {ratio:.3g} times what the angle does: '
+            f'{"deg/s? " * (30.0 < ratio < 110.0)}it must be rad/s')
+
+
 def _motion(out, stamps, values, rates, pointed):
     """Jumps, wrapping, velocities, rest of the encoder that is `pointed`, frozen readings."""
     if len(stamps) < 3:
@@ -239,17 +244,20 @@ def _motion(out, stamps, values, rates, pointed):
                  'do too')
     own = way / passed
     moving, known = np.abs(own) > 10.0 * STILL, np.isfinite(rates[1:])
-    both = moving & known
+    both, between = moving & known, 0.5 * (rates[1:] + rates[:-1])
     if both.sum() >= 5:
-        between = 0.5 * (rates[1:] + rates[:-1])
         ratio = float(np.nanmedian(between[both] / own[both]))
         if ratio < 0.0:
             out.wrong('velocity has the other sign than the angle')
         elif not 0.5 < ratio < 2.0:
-            unit = 'deg/s? ' if 30.0 < ratio < 110.0 else ''
-            out.wrong(f'velocity is {ratio:.3g} times what the angle does: {unit}it must be rad/s')
+            out.wrong(_velocity_text(ratio))
     elif (known & ~moving & (np.abs(rates[1:]) > 10.0 * STILL)).sum() > 5:
-        out.wrong('velocity not zero, but the angle does not change: frozen?')
+        # an axis that tracks moves all the same: in all that was heard it shows
+        said, gone = (np.nansum(np.where(known, of, 0.0), axis=0) for of in (between * passed, way))
+        axis = int(np.argmax(np.abs(said)))
+        ratio = float(said[axis] / gone[axis]) if gone[axis] else np.inf
+        out.wrong(_velocity_text(ratio) if 30.0 < ratio < 110.0 else
+                  'velocity not zero, but the angle does not change: frozen?')
     rest = ~moving.any(axis=1)
     if pointed and not known.any() and rest.sum() > 20:
         restless = float(np.mean(np.abs(own[rest]).max(axis=1) > STILL))

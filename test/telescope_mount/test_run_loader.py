@@ -28,10 +28,11 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.star_catalogue import POLARIS_HIP
+from pointing_model.zero import PowerOnZero
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run
 from telescope_mount.log_check import verify_log
-from telescope_mount.run_loader import _readings, load_run, load_runs
+from telescope_mount.run_loader import _power_ons, _readings, load_run, load_runs
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'
 ROWS = HEADER + '10,20,10.1,20.1\n350,40,350.2,40.2\n100,60,100.3,60.3\n'
@@ -185,6 +186,20 @@ def test_a_log_keeps_what_the_encoders_read(night):
 
 
 @pytest.mark.usefixtures('ros_domain')
+def test_power_ons_of_several_nights_with_one_number_keep_their_zeros():
+    run = PointingRun({'run': np.array([1, 2, 1, 2]), 'az': np.zeros(4), 'el': np.zeros(4),
+                       'az_enc': np.zeros(4), 'el_enc': np.zeros(4),
+                       'encoder_start': 1.768e9 + np.array([0.1234, 100.0, 9e4, 9.1e4])}, {})
+    zeros = {(n, round(t, 3)): PowerOnZero(float(i), 0.0, run=int(n), started=round(t, 3))
+             for i, (n, t) in enumerate(zip(run['run'], run['encoder_start']))}
+    notes = []
+    numbered, of = _power_ons(run, zeros, notes)
+    assert numbered['run'].tolist() == [1, 2, 3, 4] and '4 power-ons share 2 numbers' in notes[0]
+    assert of.row_angles(numbered)[0].tolist() == [0.0, 1.0, 2.0, 3.0]
+    same, of = _power_ons(run.select(slice(2)), zeros, notes)
+    assert same['run'].tolist() == [1, 2] and len(notes) == 1
+
+
 def test_the_newest_zero_of_each_power_on_is_taken_off(night):
     zeros = [message.data.position for message in
              BagReader(night / 'bag').messages('/mount/zero', decode=True)]
