@@ -17,6 +17,9 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
+from msg_tools.units import DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, mount_wording
 
@@ -26,6 +29,8 @@ from .programs import PROGRAMS
 
 #: ``ImportedModel.program`` of a document of this project
 OURS = 'telescope_mount'
+#: rad; a zero may be anything within a turn, other terms are errors of a mount
+_LARGEST_INDEX, _LARGEST = 2.0 * np.pi, 0.35
 _SUFFIXES = ('.json', '.yaml', '.yml')
 
 
@@ -45,6 +50,15 @@ class ImportedModel:
     model: PointingModel
     program: str
     notes: list = field(default_factory=list)
+
+
+def _refuse_unit(path, program, model):
+    """Refuse terms of which no mount is built: they are in another unit than the program's."""
+    index = model.mount.names.index
+    for name, value in model.terms.items():
+        if not abs(value) <= (_LARGEST_INDEX if name in index else _LARGEST):
+            raise ValueError(f'{path}: {name} would be {value / DEG:.4g} deg, which no mount has: '
+                             f'are these numbers in arcsec, and not as {program.title} has them?')
 
 
 def read_model(path, mount=ALTAZ):
@@ -85,6 +99,7 @@ def read_model(path, mount=ALTAZ):
             program = program_for(program, mount)
             found = program.read(path, text)
             model, loss = imported(program, found, path)
+            _refuse_unit(path, program, model)
             notes = list(found.notes)
             if loss is not None and loss.largest > 1e-3:
                 notes.append(f'{program.title} computes it otherwise by {loss.rms:.3f} arcsec RMS, '

@@ -16,6 +16,7 @@
 
 import operator
 import re
+from dataclasses import replace
 
 import numpy as np
 
@@ -53,29 +54,39 @@ def excluded_rows(run, text):
     ValueError
         No such row or column, or no such condition.
     """
-    out = np.zeros(len(run), bool)
-    for part in filter(None, map(str.strip, text.split(','))):
-        numbers, condition = _ROWS.match(part), _CONDITION.match(part)
-        if numbers:
-            first, last = (int(one) for one in (numbers[1], numbers[2] or numbers[1]))
-            rows = (run.lines >= first) & (run.lines <= last)
-            if not rows.any():
-                raise ValueError(f'--exclude {part}: no such row is in use; they go from '
-                                 f'{run.lines.min()} to {run.lines.max()}')
-        elif condition:
-            rows = _where(run, *condition.groups())
-        else:
-            raise ValueError(f'--exclude {part}: write a row number, a range such as 45-48, or a '
-                             'condition such as el<20')
-        out |= rows
-    return out
+    return np.any([np.zeros(len(run), bool), *(_rows(run, part) for part in _parts(text))], axis=0)
+
+
+def _parts(text):
+    return [part for part in map(str.strip, text.split(',')) if part]
+
+
+def _rows(run, part):
+    """As `excluded_rows`, of one part between commas."""
+    numbers, condition = _ROWS.match(part), _CONDITION.match(part)
+    if numbers:
+        first, last = (int(one) for one in (numbers[1], numbers[2] or numbers[1]))
+        rows = (run.lines >= first) & (run.lines <= last)
+        if not rows.any():
+            raise ValueError(f'--exclude {part}: no such row is in use; they go from '
+                             f'{run.lines.min()} to {run.lines.max()}')
+        return rows
+    if not condition:
+        raise ValueError(f'--exclude {part}: write a row number, a range such as 45-48, or a '
+                         'condition such as el<20')
+    return _where(run, *condition.groups())
 
 
 def without_excluded(run, texts):
     """A run without the rows that some texts of `excluded_rows` mean; the rest says which."""
-    rows = np.any([excluded_rows(run, text) for text in texts], axis=0)
+    found = {part: _rows(run, part) for text in texts for part in _parts(text)}
+    rows = np.any([np.zeros(len(run), bool), *found.values()], axis=0)
     if rows.all():
         raise ValueError('--exclude leaves no row')
+    none = [part for part, of in found.items() if not of.any()]
+    if none:  # of several runs it may be of another
+        run = replace(run, meta={**run.meta, 'notes': [
+            f'--exclude {", ".join(none)} fits no row', *run.meta.get('notes', ())]})
     return without_rows(run, rows, REASON) if rows.any() else run
 
 
@@ -87,8 +98,12 @@ def _where(run, name, sign, value):
         if sign not in ('=', '!='):
             raise ValueError(f'--exclude {name}{sign}{value}: {value} is no number') from None
         values, wanted = np.asarray(values).astype(str), value
+    if unit == DEG and isinstance(wanted, float) and wanted >= np.pi:
+        values = np.mod(values, 2.0 * np.pi)  # hour angles up to 360 degrees, as a file may have
     if values.dtype.kind not in 'fiub' and not isinstance(wanted, str):
         values, wanted = values.astype(str), value
+    if isinstance(wanted, str):  # names as people write them
+        values, wanted = np.char.lower(values), wanted.lower()
     return np.asarray(_COMPARED[sign](values, wanted), bool)
 
 

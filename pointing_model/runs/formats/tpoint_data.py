@@ -168,7 +168,7 @@ def _body(lines, meta):
 
 
 def _run_parameters(path, number, line, meta):
-    """Latitude (deg, or deg min sec), then date, temperature, pressure, height, humidity."""
+    """Latitude (deg, deg min, deg min sec), then date, temperature, pressure, height, humidity."""
     where = f'{path}, row {number}'
     words = line.split()
     if not all(map(is_number, words)):
@@ -178,11 +178,12 @@ def _run_parameters(path, number, line, meta):
     if not np.all(np.isfinite(values)):
         raise ValueError(f'{where}: {line[:60]!r} has a run parameter that is not finite')
     latitude = abs(values[0])
-    if len(values) >= 3:
-        if not (0.0 <= values[1] < 60.0 and 0.0 <= values[2] < 60.0):
+    if len(values) >= 2:
+        minutes, seconds = (*values[1:3], 0.0)[:2]
+        if not (0.0 <= minutes < 60.0 and 0.0 <= seconds < 60.0):
             raise ValueError(f'{where}: {line[:60]!r} begins with a latitude whose minutes or '
                              'seconds are outside 0 to 60')
-        latitude += values[1] / 60.0 + values[2] / 3600.0
+        latitude += minutes / 60.0 + seconds / 3600.0
     if latitude > 90.0:
         raise ValueError(f'{where}: latitude {line[:60]!r} is beyond 90 degrees')
     sign = -1.0 if words[0].startswith('-') else 1.0

@@ -52,7 +52,8 @@ def test_angles_of_an_equatorial_mount_are_those_of_the_sky(kind):
     az, el = mount.horizon_of(ha, dec)
     for text, rows in (('ha<0', ha < 0.0), ('dec_deg>60', dec > np.radians(60.0)),
                        ('el<20', el < np.radians(20.0)),
-                       ('az_deg>180', np.mod(az, 2.0 * np.pi) > np.pi)):
+                       ('az_deg>180', np.mod(az, 2.0 * np.pi) > np.pi),
+                       ('ha>180', ha < 0.0)):
         assert 0 < rows.sum() < 80 and np.array_equal(excluded_rows(run, text), rows), text
 
 
@@ -60,7 +61,8 @@ def test_the_rest_says_what_was_left_out(run):
     left = without_excluded(run, ['3-4', 'el>80'])
     assert len(left) == N - 3 and left.lines.tolist() == [2, 5, 6, 7, 8, 9, 10]
     assert left.meta['excluded'] == [{'row': row, 'reason': REASON} for row in (3, 4, 11)]
-    assert without_excluded(run, ['magnitude>100']) is run
+    none = without_excluded(run, ['magnitude>100, 3'])
+    assert len(none) == N - 1 and none.meta['notes'] == ['--exclude magnitude>100 fits no row']
 
 
 @pytest.mark.parametrize('text, said', [

@@ -62,6 +62,12 @@ def test_tpoint(read):
     assert any('file does not say' in note for note in meta['notes'])
 
 
+@pytest.mark.parametrize('latitude, degrees', [('-30 14', -30.0 - 14.0 / 60.0), ('48.9', 48.9)])
+def test_a_latitude_of_tpoint_without_seconds(read, latitude, degrees):
+    run = read(TPOINT.replace('-30 14 26.4 2021 8 21 13.0 741 2608.0 0.75', latitude))
+    assert run.meta['site']['latitude'] / DEG == pytest.approx(degrees)
+
+
 def test_rejected_observations_of_a_tpoint_file_are_no_error(read):
     text = TPOINT.replace('END', '# 20.0 30.0 20.1 30.2 -5.0 ! cloud\n# wind from here on\n# 1 2\n'
                           ' 30.0 40.0 30.1 40.1 0.0\nEND')

@@ -424,6 +424,8 @@ def test_a_model_file_of_tpoint_is_read(tmp_path):
     ('RTS2_ALTAZ 0 0 0 0 0 0 0\nEL 1" sinsin az;el 1;1', 'sinsin is not read'),
     ('RTS2_ALTAZ 0 0 0 0 0 0 0\nEL 1" wave az 1', 'not known here'),
     ('RTS2_ALTAZ 0 0 0 0 0 0 0\nHA 1" sin az 1', "axis 'ha'"),
+    ('RTS2_ALTAZ -120 -20 12 8 15 40 25', 'IA would be 6875 deg'),
+    ('3 0 -8 -15 20 -12 -40 25', 'are these numbers in arcsec'),
     ('[header]\n[params]\nP1 = 0.1\nP23 = 1', 'P23 is no parameter'),
     ('0.1 0 nan 0.2', 'P3 is .nan., which is not finite'),
     (' '.join(['1'] * 23), '23 numbers'),
