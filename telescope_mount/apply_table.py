@@ -32,13 +32,17 @@ from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.column_names import CSV_NAMES
 from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.columns.run_table import content, lines_of, own_name
+from pointing_model.runs.columns.solve_columns import refuse_hours
 from pointing_model.runs.run import COLUMNS, column_name
 from pointing_model.sky.refraction import air_of_rows
+from pointing_model.sky.site import Site
 from pointing_model.zero import carried_zeros
 from pointing_model.zero_drift import KEY
 
 #: columns of such a table
 SKY = ('ra_deg', 'dec_deg')
+#: right ascensions that never exceed so much, in so many rows, may be hours
+_HOURS, _FEW = 24.0, 8
 
 def apply_to_table(model, args):
     """Turn the directions of a table into encoder angles, or back.
@@ -309,7 +313,7 @@ def observed(model, ra, dec, columns, cells, used, args, notes):
     Raises
     ------
     ValueError
-        No time or site, or another latitude than the mount's.
+        No time or site, another latitude than the mount's, or hours in place of degrees.
     """
     if 'time' not in columns:
         raise ValueError('ra_deg, dec_deg need the time: a column time, or --time UTC')
@@ -326,6 +330,12 @@ def observed(model, ra, dec, columns, cells, used, args, notes):
            'height_m': args.height or 0.0, 'of_date': args.equinox == 'date',
            'pressure_hpa': air.pressure_hpa, 'temperature_c': air.temperature_c}
     time = np.where(used, time, time[used][0] if used.any() else 0.0)
+    latitude = model.mount.latitude if args.latitude is None else args.latitude * DEG
+    refuse_hours(args.file, ra[used] * DEG, dec[used] * DEG, time[used],
+                 Site(latitude, args.longitude * DEG, args.height or 0.0))
+    if used.sum() >= _FEW and 0.0 <= ra[used].min() and ra[used].max() <= _HOURS:
+        notes.append(f'ra_deg never exceeds {ra[used].max():.3g}: taken as degrees; are these '
+                     'hours?')
     found = axis_angles(model, ra, dec, time, **how)
     if not (model.mount.two_sided and 'pier_side' in cells):
         return found

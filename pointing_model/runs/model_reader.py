@@ -21,6 +21,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 from pointing_model.model import PointingModel
+from pointing_model.model_document import FORMAT
 from pointing_model.mounts import ALTAZ, mount_wording
 
 from .model_files import coefficient_table
@@ -50,6 +51,13 @@ class ImportedModel:
     model: PointingModel
     program: str
     notes: list = field(default_factory=list)
+
+
+def is_ours(path):
+    """Whether a file is a model of ours; of YAML, as the mapping of images is, by what is in it."""
+    return path.suffix.lower() == '.json' or (
+        path.suffix.lower() in _SUFFIXES and path.is_file()
+        and FORMAT in path.read_text(encoding='utf-8', errors='replace'))
 
 
 def _refuse_unit(path, program, model):

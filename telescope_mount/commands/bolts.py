@@ -28,8 +28,8 @@ def add(commands):
         'cone error, feet of an alt-azimuth mount. With --live: what is '
         'left, image by image, while they are turned.')
     parser.add_argument('file', type=options.log_path, nargs='?', metavar='MODEL|RUN',
-                        help='a model file of ours (.json), or a run to fit; with --live it may '
-                        'be left out')
+                        help='a model file of ours (.json, .yaml), or a run to fit; with --live '
+                        'it may be left out')
     parser.add_argument('--pole', choices=('true', 'refracted'), default='true',
                         help='which one is meant (default: true; the refracted one is higher)')
     parser.add_argument('--per-turn', type=_pair, metavar='AZ,ALT', help='what one turn of the '
@@ -120,9 +120,9 @@ def run(args):
 
 def model_of(args):
     """The model of the file, or of a fit to the run in it; remarks; of a run its equinox."""
-    if args.file.suffix.lower() == '.json':
-        from pointing_model.model import PointingModel
-        model = PointingModel.load(args.file)
+    from pointing_model.runs.model_reader import is_ours, read_model
+    if is_ours(args.file):
+        model = read_model(args.file).model
         options.check_mount(args, args.file, model.mount)
         return model, [], None
     from calibration.analysis.run_fit import fit_run, one_of_runs

@@ -298,6 +298,15 @@ def test_a_table_of_the_axes_is_on_the_side_that_it_says(ended, tmp_path):
             [float(first[f'{axis}_deg']) for axis in ('ha', 'dec')], abs=1e-9)
 
 
+def test_right_ascensions_that_may_be_hours_are_named(ended, model, tmp_path):
+    given = tmp_path / 'in.csv'
+    given.write_text('time,ra_deg,dec_deg\n' + ''.join(
+        f'2026-07-15T13:00:00Z,{hours},60\n' for hours in range(0, 24, 3)))
+    place = ('--latitude', '70', '--longitude', '109')
+    assert 'never exceeds 21: taken as degrees; are these hours?' in ended(
+        'apply', model[0], given, *place)[2]
+
+
 def test_the_air_of_places_of_the_sky_is_that_of_the_height(ended, model, tmp_path):
     given = tmp_path / 'in.csv'
     given.write_text('time,ra_deg,dec_deg\n2026-07-15T13:00:00Z,279.2347,38.7837\n')

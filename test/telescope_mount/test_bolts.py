@@ -146,6 +146,8 @@ def test_a_model_tells_what_to_turn(ended, refused, tmp_path):
     assert 'is of images' in refused('bolts', path, '--solver', 'astap')
     assert 'on bolts, not on feet' in refused('bolts', path, '--feet', 1000)
     assert ended('bolts', path, '--mount', 'german', '--latitude', '-30.005')[0] == 0
+    PointingModel.load(path).save(path.with_suffix('.yaml'))
+    assert ended('bolts', path.with_suffix('.yaml'))[1].startswith('The polar axis points')
     for other in (('--latitude', 30), ('--mount', 'fork')):
         assert 'a mount that is german, latitude -30.0000' in refused('bolts', path, *other)
 
