@@ -72,6 +72,7 @@ class MemoryMask:
 
     def __init__(self, problem, chosen, bank, plain, without=None, beside=None):
         self._sequence, self._bank, self._plain = problem.sequence, bank, plain
+        chosen = tuple(chosen)  # it is fitted when asked, and a search goes on changing its list
         self._make = lambda: problem.with_memory(plain, chosen, without, beside=beside)
         self._asked, self._covered = np.zeros((2, len(bank)), bool)
 

@@ -167,7 +167,7 @@ def _forward(problem, plain, choice, alpha, chance, given_up):
 
 
 def _mask(problem, choice, bank):
-    return MemoryMask.of(problem, list(choice.chosen), bank, choice.fit)
+    return MemoryMask.of(problem, choice.chosen, bank, choice.fit)
 
 
 def _masked(problem, choice, bank, mask, g, alpha, chance):

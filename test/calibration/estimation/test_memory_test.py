@@ -12,13 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from calibration.estimation.candidates import CandidateBank, CandidateGroup
 from calibration.estimation.correlated_noise import Sequence
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.memory_likelihood import MemorySearch, noise_memory
-from calibration.estimation.memory_test import SIMULATIONS, TAIL, MemoryTest, tail_share
+from calibration.estimation.memory_test import (
+    SIMULATIONS,
+    TAIL,
+    MemoryMask,
+    MemoryTest,
+    tail_share,
+)
+from calibration.estimation.selection_problem import SelectionProblem
 
 
 def largest(rng, nights):
@@ -71,3 +81,29 @@ def test_without_a_column_of_one_axis_its_noise_alone_is_sought_again():
     anew = noise_memory(*given, GroupColumns.alone(columns.common[:2]), b)
     for one, other in zip(without, anew):
         assert one.gain == pytest.approx(other.gain) and one.memory == pytest.approx(other.memory)
+
+
+def test_a_choice_that_goes_on_changing_changes_no_mask_of_before():
+    """Backward elimination drops of its list before the memory without one of it is sought."""
+    rng, n = np.random.default_rng(1), 60
+    t, none = np.arange(float(n)), np.zeros(n)
+    shapes = np.array([np.append(of, none) for of in (t / n - 0.5, np.sin(t))])
+    bank = CandidateBank([SimpleNamespace(
+        coefficient_names=('c',), line=name, scan=None, scanned=0, size=None, share='dictionary')
+        for name in 'ab'], shapes)
+    problem = SelectionProblem(
+        GroupColumns.alone(np.eye(2).repeat(n, axis=1)), np.append(np.cumsum(
+            rng.normal(size=n)), rng.normal(size=n)) + 90.0 * shapes[1],
+        None, bank, CandidateBank.empty(n), Sequence(t, np.zeros(n, int), np.ones(n)))
+    for without in (0, 1):
+        chosen, found = [CandidateGroup(0), CandidateGroup(1)], []
+        for dropped in (None, *chosen):
+            problem = problem.trusting(None, ())  # nothing is known
+            now = list(chosen)
+            beside = problem.plain.fit(now)
+            mask = MemoryMask.of(problem, now, bank, problem.plain.fit(
+                now, beside.weights, without), without, beside)
+            if dropped is not None:
+                now.remove(dropped)
+            found.append(mask.fit.memory)
+        assert found[0][0].variance > 0.0 and found[1:] == found[:1] * 2
