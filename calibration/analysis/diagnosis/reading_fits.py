@@ -23,6 +23,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.rms import sigma_of
 from pointing_model.runs.columns.axis_places import rows_beyond_zenith, unfolded
+from pointing_model.runs.columns.pier_side import read_beyond
 from pointing_model.runs.run import PointingRun
 
 from .readings import Reading, in_range
@@ -239,7 +240,8 @@ class ReadingFits:
         az, el, az_enc, el_enc = self.rows.columns
         if not (in_range(reading.catalogue, az, el) and in_range(reading.encoders, az_enc, el_enc)):
             return False
-        beyond = is_beyond(el_enc)
+        beyond = read_beyond(self.rows.mount, (az, el), (az_enc, el_enc),
+                             np.isfinite(az_enc + el_enc))
         names = reading.encoders
         return not (
             'ascension' in (*names, *reading.catalogue) and 'hours' in (*names, *reading.catalogue)
@@ -280,9 +282,12 @@ class ReadingFits:
         az_enc, el_enc, beyond = p.az_enc, p.el_enc, self.rows.beyond
         if reading.exchanged and beyond is None:
             beyond = is_beyond(p.el)
-        if beyond is not None and not is_beyond(el_enc).any():
+        read = read_beyond(self._mount(reading), (p.az, p.el), (az_enc, el_enc),
+                           np.isfinite(az_enc + el_enc))
+        if beyond is not None and not read.any():
             az_enc, el_enc = through_pole(az_enc, el_enc, beyond)
-        az, el = through_pole(p.az, p.el, is_beyond(p.el) != is_beyond(el_enc))
+            read = beyond
+        az, el = through_pole(p.az, p.el, is_beyond(p.el) != read)
         return replace(p, az=az, el=el, az_enc=az + wrap(az_enc - az),
                        el_enc=el + wrap(el_enc - el))
 

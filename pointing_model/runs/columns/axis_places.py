@@ -23,7 +23,7 @@ from pointing_model.mounts import is_beyond, sides, through_pole
 from pointing_model.runs.run import known_site
 
 from . import equinox
-from .pier_side import note_counterweight, through_the_pole
+from .pier_side import note_counterweight, read_beyond, through_the_pole
 from .row_checks import PAIRS
 from .solve_columns import are_images, refuse_hours
 
@@ -178,9 +178,9 @@ def _whole_site(path, meta, sidereal_clock):
 def to_axes(path, table, mount):
     """Catalogue places and readings as angles of the mount's axes, each row on its side.
 
-    A reading beyond the pole says on which side the mount was; else the column ``pier_side`` does
-    (`pier_side.through_the_pole`), and readings are then places of the sky. Without either nothing
-    is through the pole.
+    Readings beyond the pole say on which side the mount was (`pier_side.read_beyond`); else the
+    column ``pier_side`` does (`pier_side.through_the_pole`), and readings are then places of the
+    sky. Without either nothing is through the pole.
 
     Raises
     ------
@@ -192,16 +192,17 @@ def to_axes(path, table, mount):
     pairs = [pair for pair in PAIRS[1:] if set(pair) <= set(columns)]
     side, by_side = columns.pop('pier_side', None), None
     with np.errstate(invalid='ignore', over='ignore'):
-        read = is_beyond(columns[pairs[0][1]]) & (table.reasons == 0) if pairs else beyond
+        place = (mount.axes_of if meta.get('from_horizon') else sides)(
+            columns['az'], columns['el'])
+        read = read_beyond(mount, place, [columns[name] for name in pairs[0]],
+                           table.reasons == 0) if pairs else beyond
         if side is not None and not read.any():
-            place = mount.axes_of if meta.get('from_horizon') else sides
-            by_side = through_the_pole(path, table, side, place(columns['az'], columns['el'])[0])
+            by_side = through_the_pole(path, table, side, place[0])
         _keep_written(path, table, pairs, side if by_side is None else by_side, mount)
         if read.any():
             beyond = read
             if mount.two_sided:
-                place = mount.axes_of if meta.get('from_horizon') else sides
-                note_counterweight(table, read, place(columns['az'], columns['el'])[0])
+                note_counterweight(table, read, place[0])
         elif by_side is not None:
             beyond = by_side
             for az, el in pairs:

@@ -28,8 +28,10 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry
-from pointing_model.mounts import is_beyond
+from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.pointing_terms import stacked_design, terms_of
+
+from .pier_side import read_beyond
 
 #: the equinoxes that are tried; the first is taken where the rows do not decide
 J2000, OF_DATE = 'J2000', 'of date'
@@ -179,7 +181,9 @@ class _EquinoxFit:
 
     def __init__(self, place, reading, time, mount):
         self._mount, self._names = mount, mount.names.physical
-        first, second = mount.axes_of(*place, is_beyond(reading[1]))
+        first, second = mount.axes_of(*place)
+        first, second = through_pole(first, second, read_beyond(
+            mount, (first, second), reading, np.isfinite(reading).all(axis=0)))
         self._first, self._second = first, second
         self._off = np.concatenate([wrap(reading[0] - first) * np.cos(second),
                                     wrap(reading[1] - second)])

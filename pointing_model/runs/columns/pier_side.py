@@ -12,19 +12,64 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The column that tells on which side of its pier a German mount was."""
+"""On which side of its pier a mount was: by a column, or by what it reads."""
 
 import numpy as np
 
-from msg_tools.units import wrap
+from msg_tools.units import DEG, wrap
+from pointing_model.mounts import is_beyond, sides
 
 _UNKNOWN = ('', 'nan', 'unknown', 'none', 'null', 'n/a', '?', '-')
 #: part of the rows that may be against a rule by the hour angle, so that it still is one
 _AGAINST = 0.1
 _FEWEST = 3  # rows that make a rule
+#: about the pole, where a zero of the second axis may put a reading beyond it; zeros are smaller
+_NEAR = 10.0 * DEG
+_ALIKE = 0.9  # mean resultant of differences of first angles that are one zero
+_CLEAR = 0.5  # cosine of a turn of the first axis that tells the side
 _COUNTERWEIGHT = (
     'the readings have the counterweight up in every row. If it was down, the hour angles count '
     'eastward: change the sign of all (else IH, CH, NP, MA have the wrong one)')
+
+
+def read_beyond(mount, place, reads, sound):
+    """Which rows look through the pole, by what the mount reads.
+
+    Near the pole the reading of the second axis tells it only without its zero, which the other
+    rows have too; that of the first is half a turn on. A mount that does not change its side there
+    is through the pole only where rows far from it are.
+
+    Parameters
+    ----------
+    mount : Mount
+    place, reads : sequence of ndarray, shape (n,)
+        Angles of its axes, of the stars and as it reads, radians.
+    sound : ndarray of bool, shape (n,)
+        Rows to look at.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    with np.errstate(invalid='ignore', over='ignore'):
+        high = is_beyond(reads[1]) & sound
+        near = np.abs(np.cos(reads[1])) < np.sin(_NEAR)
+        if not (near & sound).any():
+            return high
+        if not mount.two_sided and not (high & ~near).any():
+            return np.zeros_like(high)
+        first, second, _ = sides(*place[:2])
+        away = np.exp(1j * (reads[0] - first))
+        off = wrap(reads[1] - np.where(high, np.pi - second, second))
+        far = sound & ~near & np.isfinite(off) & np.isfinite(away)
+        zero, index, alike = 1.0, 0.0, True
+        if far.any():
+            zero, index = np.where(high, -away, away)[far].mean(), np.median(off[far])
+            alike, index = np.abs(zero) > _ALIKE, index if np.abs(index) < _NEAR else 0.0
+        turn = (away / zero).real
+        by_first = alike & (np.abs(turn) > _CLEAR)
+        return np.where(near & sound, np.where(by_first, turn < 0.0, is_beyond(reads[1] - index)),
+                        high)
 
 
 def through_the_pole(path, table, side, hour_angle):

@@ -25,6 +25,8 @@ from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
 from pointing_model.runs.run import REQUIRED
 
 from ..columns.cell_values import WordRows, is_number, usual_width
+from ..columns.pier_side import read_beyond
+from ..columns.row_checks import PAIRS
 from ..columns.run_table import RunTable
 
 #: numbers of catalogue right ascension and declination, those of the telescope, sidereal time
@@ -105,8 +107,7 @@ def read_exported(path, body, meta, options=(), altaz=False):
                              'declination and the sidereal time')
     else:
         columns['az_enc'], columns['el_enc'] = first, second
-        beyond = np.abs(second) > 90.0
-        meta['mount_declared'] = 'german' if beyond.any() else 'equatorial'
+        _declare(meta, (lst - angles['ra'], angles['dec']), (first, second))
     if 'NODA' in options:
         meta['notes'].append('option NODA changes nothing here: the places have the diurnal '
                              'aberration (0.32 arcsec at most)')
@@ -116,6 +117,14 @@ def read_exported(path, body, meta, options=(), altaz=False):
     table.exclude(np.array([line.startswith('#') for _, line in body]),
                   'rejected by the observers (#)')
     return table
+
+
+def _declare(meta, place, reads):
+    """Of a mount that reads beyond the pole that it is a German one; hour angles etc. in deg."""
+    place, reads = (np.array(pair) * DEG for pair in (place, reads))
+    sound = np.isfinite(reads).all(axis=0)
+    german = read_beyond(Mount.equatorial(0.0, 'german'), place, reads, sound).any()
+    meta['mount_declared'] = 'german' if german else 'equatorial'
 
 
 def _move(rows, angles, day, options, meta):
@@ -216,8 +225,7 @@ def read_short(path, body, meta):
     rows.same_width(4, 'numbers', 'four are read (hour angle and declination, true and of the '
                     'mount)')
     columns = {name: rows.floats(name, rows.column(i)) for i, name in enumerate(REQUIRED)}
-    meta['mount_declared'] = 'german' if (np.abs(columns['el_enc']) > 90.0 + 5.0).any() \
-        else 'equatorial'
+    _declare(meta, *([columns[name] for name in pair] for pair in PAIRS[:2]))
     meta['notes'].append(f'hour angle and declination, in degrees, at latitude '
                          f'{meta["site"]["latitude"] / DEG:.6g}')
     return RunTable(columns, rows.lines, meta, rows.reasons, names=KINDS['equatorial'])

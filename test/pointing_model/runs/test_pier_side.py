@@ -179,6 +179,66 @@ def test_rows_with_the_side_of_before_do_not_judge_whose_the_errors_are(read):
     assert origin.left_out['mount'] < 2.0 * ARCSEC < 20.0 * ARCSEC < origin.left_out['sky']
 
 
+def near_the_pole(kind, latitude=48.0, index=4000.0, sides=(False,)):
+    """Rows of angles of the axes, five of them so near to the pole that most read beyond it."""
+    rng, mount = np.random.default_rng(5), Mount.equatorial(latitude * DEG, kind)
+    ha, dec = rng.uniform(-70.0, 70.0, 45) * DEG, rng.uniform(-5.0, 80.0, 45) * DEG
+    ha[:5] = np.array([-100.0, -30.0, 20.0, 90.0, 150.0]) * DEG
+    dec[:5] = np.array([89.3, 88.95, 89.27, 89.2, 89.5]) * DEG
+    dec *= np.sign(latitude)
+    beyond = np.resize(sides, 45)
+    at = np.array(through_pole(ha, dec, beyond))
+    terms = {**TRUE, 'ID': index}
+    reads = np.array(geometry.sky_to_encoder(*at, {k: v * ARCSEC for k, v in terms.items()}, mount))
+    return np.array([ha, dec, *reads]).T / DEG, beyond, terms
+
+
+def terms_are(run, terms):
+    result = fit_terms(run)
+    return not len(result.rejected) and np.allclose(
+        [result.model.terms[name] / ARCSEC for name in terms], list(terms.values()), atol=0.2)
+
+
+@pytest.mark.parametrize('kind, latitude, index, sides', [
+    ('equatorial', 48.0, 4000.0, [False]), ('equatorial', -33.0, -4000.0, [False]),
+    ('german', 48.0, 4000.0, [False]), ('german', 48.0, -4000.0, [True]),
+    ('german', 48.0, 4000.0, [True, False]), ('german', -33.0, -4000.0, [False, True])])
+def test_near_the_pole_an_index_error_puts_no_reading_beyond_it(
+        tmp_path, kind, latitude, index, sides):
+    rows, beyond, terms = near_the_pole(kind, latitude, index, sides)
+    assert (is_beyond(rows[:, 3] * DEG) != beyond).sum() > 1
+    path = tmp_path / 'run.csv'
+    path.write_text(HEAD.replace('german', kind).replace('48', str(latitude)).replace(
+        ',pier_side', '') + ''.join(','.join(f'{v:.8f}' for v in row) + '\n' for row in rows))
+    run = read_run(path)
+    assert np.array_equal(is_beyond(run['el']), beyond) and terms_are(run, terms)
+
+
+def test_of_a_file_of_spk_too(tmp_path):
+    rows, _, terms = near_the_pole('equatorial')
+    path = tmp_path / 'run.dat'
+    path.write_text('caption\nE\n48\n' + ''.join(
+        ' '.join(f'{v:.8f}' for v in row) + '\n' for row in rows))
+    run = read_run(path)
+    assert run.mount.kind == 'equatorial' and terms_are(run, terms)
+    rows, beyond, terms = near_the_pole('german', sides=[True, False])
+    path.write_text('caption\nE\n48\n' + ''.join(
+        ' '.join(f'{v:.8f}' for v in row) + '\n' for row in rows))
+    run = read_run(path)
+    assert run.mount.kind == 'german' and terms_are(run, terms)
+    assert np.array_equal(is_beyond(run['el']), beyond)
+
+
+def test_one_reading_a_little_beyond_the_pole_is_no_reason_to_leave_the_column_out(tmp_path):
+    rows, beyond = folded()
+    path = tmp_path / 'run.csv'
+    path.write_text(HEAD + ''.join(
+        ','.join(f'{v:.8f}' for v in row) + f',{"west" if west else "east"}\n'
+        for row, west in zip(rows, beyond)) + '30,89.985,30.5,90.002,east\n')
+    run = read_run(path)
+    assert np.array_equal(is_beyond(run['el']), np.append(beyond, False)) and right(run)
+
+
 def test_sides_unknown_and_stale_in_files():
     run = read_run(case('ger_pier_unknown.csv'))
     assert len(run) == 80 and right(run)
