@@ -333,7 +333,7 @@ def observed(model, ra, dec, columns, cells, used, args, notes):
     latitude = model.mount.latitude if args.latitude is None else args.latitude * DEG
     refuse_hours(args.file, ra[used] * DEG, dec[used] * DEG, time[used],
                  Site(latitude, args.longitude * DEG, args.height or 0.0))
-    if used.sum() >= _FEW and 0.0 <= ra[used].min() and ra[used].max() <= _HOURS:
+    if used.sum() >= _FEW and ra[used].min() >= 0.0 and ra[used].max() <= _HOURS:
         notes.append(f'ra_deg never exceeds {ra[used].max():.3g}: taken as degrees; are these '
                      'hours?')
     found = axis_angles(model, ra, dec, time, **how)
