@@ -101,7 +101,7 @@ class MountGuard(ManagedNode):
         self.subscribe(topics.REQUEST, self._on_request)
         self.serve('abort', self._on_abort)
         self.serve('pause', lambda: self._do('paused', self._supervisor.pause))
-        self.serve('resume', lambda: self._do('resumed', self._supervisor.resume), once=True)
+        self.serve('resume', lambda: self._do('', self._supervisor.resume), once=True)
         self.serve('park', self._on_park, once=True)
         self.every(LOOK, self._tick)
         self.every(0.5, self._look_at_commanders)
@@ -300,7 +300,7 @@ class MountGuard(ManagedNode):
         if not self.active:
             return False, self.inactive
         try:
-            call(self._now(), *args)
+            done = call(self._now(), *args) or done
         except ValueError as err:
             return False, str(err)
         self._look()

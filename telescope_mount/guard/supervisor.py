@@ -399,12 +399,27 @@ class Supervisor:
         self._set_state('paused', WARN, 'paused: call resume')
 
     def resume(self, now):
-        """Go on; ValueError where nothing holds the mount up."""
+        """Go on; ValueError where nothing holds the mount up.
+
+        Returns
+        -------
+        str
+            What becomes of the request of before.
+        """
         if self.state not in ('paused', 'aborted', 'parked', 'parking', 'stopped'):
             raise ValueError('nothing is paused')
-        self._set_state('idle', OK, 'resumed')
-        if self._alive:
-            self._begin(now)
+        said, goal = 'resumed', self._goal
+        if not (goal is None or self._settings.whole) and now - goal.start > 1e9 * goal.times[-1]:
+            self._goal = None
+            said = 'resumed: the track of before is over, and the next request is followed'
+        self._set_state('idle', OK, said)
+        try:
+            if self._alive:
+                self._begin(now)
+        except ValueError as err:
+            said = (f'resumed, but the track of before is refused: {err}. The next request is '
+                    'followed, if it may')
+        return said
 
     def park(self, now, place):
         """Go to a pair of angles, rad, and take no request until `resume`.

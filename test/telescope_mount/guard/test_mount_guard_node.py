@@ -121,7 +121,15 @@ def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
     mount.until('following')
     assert graph.call('pause').success
     mount.until('paused')
-    assert graph.call('resume').success
+    answer = graph.call('resume')
+    assert answer.success and answer.message == 'resumed'
+    mount.until('following')
+    assert graph.call('pause').success
+    mount.until('paused')
+    guard._supervisor._goal = guard._supervisor._goal._replace(start=mount.now() - 10**12)
+    answer = graph.call('resume')
+    assert answer.success and answer.message.startswith('resumed: the track of before is over')
+    mount.ask(24.0, 52.0)
     mount.until('following')
     guard.before_end()  # as its process ends
     mount.until('aborted')

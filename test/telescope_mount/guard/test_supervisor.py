@@ -30,6 +30,7 @@ from telescope_mount.guard import supervisor as supervisor_of
 from telescope_mount.guard.axis_track import Cubic, braked, ended
 from telescope_mount.guard.limits import Axis, Limits, travel_of
 from telescope_mount.guard.sky_limits import SUN, SkyCircles
+from telescope_mount.guard.track_check import Refused
 from telescope_mount.guard.watchdog import LATE, WARN
 from telescope_mount.observing.axis_demand import Track
 
@@ -98,6 +99,33 @@ def test_pause_holds_it_and_resume_goes_on(mount):
     assert mount.state == 'paused' and not mount.speed.any()
     mount.supervisor.resume(mount.now)
     assert mount.run(40.0).state == 'following' and off(mount) < 0.01
+
+
+def test_resume_after_the_end_of_the_track_follows_the_next_request(mount):
+    mount.ask(80.0, 30.0).run(3.0)
+    mount.supervisor.pause(mount.now)
+    mount.run(4.0).time += 700.0
+    mount.run(0.2)
+    assert mount.state == 'paused'
+    assert mount.supervisor.resume(mount.now) == (
+        'resumed: the track of before is over, and the next request is followed')
+    stands = mount.here
+    assert np.array_equal(mount.run(2.0).here, stands) and mount.state == 'idle'
+    assert mount.supervisor.refused == (0, '')
+    assert mount.ask(90.0, 40.0).run(40.0).state == 'following'
+
+
+def test_resume_says_that_a_track_is_unsafe_now_and_that_the_next_is_followed(mount):
+    mount.ask(80.0, 30.0).run(3.0)
+    mount.supervisor.pause(mount.now)
+    mount.run(4.0)
+    mount.supervisor._check.check = lambda *_: Refused('the track meets the Sun')
+    assert mount.supervisor.resume(mount.now) == (
+        'resumed, but the track of before is refused: the track meets the Sun. The next request '
+        'is followed, if it may')
+    assert mount.state == 'stopped' and mount.supervisor.refused[1] == 'the track meets the Sun'
+    del mount.supervisor._check.check
+    assert mount.ask(90.0, 40.0).run(40.0).state == 'following'
 
 
 def test_after_an_abort_nothing_moves_until_resume(mount):
