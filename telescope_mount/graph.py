@@ -175,7 +175,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             'least_elevation_deg': -90.0 if below else 0.0,
         } | ({'ahead_s': 1.5 * time_scale, 'request_timeout_s': 1.0, 'silence_s': 1.0,
                # half a second of the wall at full speed
-               'behind_deg': min(2.0 + 3.0 * time_scale, 180.0)} | _simulated_site()
+               'behind_deg': min(2.0 + 3.0 * time_scale, 180.0)} | simulated_site()
               if time_scale else {'renew_s': 0.0}) | (
             {'first_travel_deg': '-36000,36000'} if altaz
             else {'second_travel_deg': '-90,270'} if below else {}) | given_of(sky, SITE),
@@ -195,7 +195,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     return [NodeSpec(name, NODES[name], parameters[name], shared.get(name, '')) for name in names]
 
 
-def _simulated_site():
+def simulated_site():
     """Where a simulated mount stands, for a guard that leads it live: it goes by no default."""
     from pointing_model.sky.site import DEFAULT_SITE
     return {'latitude_deg': math.degrees(DEFAULT_SITE.latitude),

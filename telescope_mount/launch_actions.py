@@ -20,12 +20,12 @@ import re
 import sys
 from pathlib import Path
 
-import yaml
 from ament_index_python.packages import get_package_prefix
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
     ExecuteProcess,
+    LogInfo,
     OpaqueFunction,
     RegisterEventHandler,
     SetEnvironmentVariable,
@@ -44,6 +44,7 @@ from pointing_model.sky.site import DEFAULT_SITE
 
 from . import ONE_THREAD
 from .dds import dds_environment
+from .parameter_file import check, sections, values_of
 from .parent import PARENT
 
 #: that every launch file takes: name, default, text
@@ -121,6 +122,8 @@ def started(values, specs, drivers=()):
     # a busy machine takes longer than launch's 5 s to close the files of all
     patient = {'output': 'screen',
                'sigterm_timeout': LaunchConfiguration('sigterm_timeout', default='20')}
+    notes = [LogInfo(msg=text) for path in values.files or [None]
+             for text in check(specs, path, drivers, values['namespace'])]
     given = [word for path in values.files for word in ('--params-file', path)]
     processes = [ExecuteProcess(
         cmd=[sys.executable, '-m', 'telescope_mount.parent', path, '--ros-args', '-r',
@@ -131,7 +134,7 @@ def started(values, specs, drivers=()):
                        namespace=values['namespace'],
                        parameters=[spec.parameters, *values.files], **patient) for spec in specs]
     # a night without one of them would wait for ever
-    return processes + pictures + [
+    return notes + processes + pictures + [
         RegisterEventHandler(OnProcessExit(target_action=process, on_exit=end_all))
         for process in processes]
 
@@ -147,23 +150,15 @@ def _pictures(values, specs):
         get_package_prefix('robot_state_publisher')
     except (LookupError, OSError):  # no tf: markers show it
         return [Node(parameters=[own, *values.files], **display)]
-    shape = urdf(parse_mount(own['mount'], _latitude(values.files) * DEG))
+    for path in values.files:
+        observer = values_of(f'{values["namespace"]}/star_observer', observer, sections(path))
+    latitude = observer.get('latitude_deg', DEFAULT_SITE.latitude / DEG)
+    shape = urdf(parse_mount(own['mount'], latitude * DEG))
     return [Node(parameters=[own | {'description': False}, *values.files], **display),
             Node(package='robot_state_publisher', executable='robot_state_publisher',
                  name='robot_state_publisher', **place, parameters=[{
                      'robot_description': shape,
                      'use_sim_time': own.get('use_sim_time', False)}])]
-
-
-def _latitude(files):
-    """Of a parameter file that has one for all nodes, degrees; else the default."""
-    for path in files:
-        read = yaml.safe_load(Path(path).read_text(encoding='utf-8')) or {}
-        for node in ('/**', '/**/star_observer'):
-            found = read.get(node, {}).get('ros__parameters', {})
-            if 'latitude_deg' in found:
-                return float(found['latitude_deg'])
-    return DEFAULT_SITE.latitude / DEG
 
 
 def end_all(event, context):

@@ -20,7 +20,7 @@ from pathlib import Path
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.observing.plan import BLOCK_STARS, parse_plan, real_plan
 
-from . import domain
+from . import domain, parameter_file
 from . import whole_night as night
 from .graph import real_graph
 from .night_files import diagnosing, write_page, write_results
@@ -128,15 +128,19 @@ def run_server_night(out, mount, *, stars=BLOCK_STARS, reference=None, camera=''
         progress=progress, hold_up=hold_up, note=note)
 
 
-def _carry_out(out, plan, kind, nodes, reference, anew, drivers, *, note, **options):
+def _carry_out(out, plan, kind, nodes, reference, anew, drivers, *, note, params_file=None,
+               **options):
     """Observe in a folder with the nodes that `nodes` gives for it; the report."""
-    folder, again = _folder(Path(out), plan, kind, anew, note)
+    folder = Path(out)
     bag = _free(folder / 'bag')
     specs = nodes(folder, plan=plan, bag=str(bag), state_file=str(folder / STATE),
                   model_file=str(reference.resolve()) if reference else '')
+    for text in parameter_file.check(specs, params_file, drivers):
+        note(text)
+    folder, again = _folder(folder, plan, kind, anew, note)
     written = night.observe(
         folder, specs, plan, partial(write_results, folder, bag=bag), drivers=drivers, stall=STALL,
-        note=note, again=again, **options)
+        note=note, again=again, params_file=params_file, **options)
     write_page(folder, written, bag)
     return written.report
 

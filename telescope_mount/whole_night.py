@@ -29,7 +29,7 @@ from msg_tools.status_rows import Progress
 from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from telescope_mount.observing.plan import BLOCK_STARS, ZERO_EXPOSURES, night_plan, parse_plan
 
-from . import domain
+from . import domain, parameter_file
 from .graph import NODES, night_graph
 from .graph_end import come_to_rest
 from .interrupt import noted, raise_noted
@@ -126,13 +126,15 @@ def run_night(out, *, stars=BLOCK_STARS, polaris=ZERO_EXPOSURES, reference=None,
     if reference is not None:
         from pointing_model.model import PointingModel
         PointingModel.load(reference)
-    folder = prepare_folder(out)
+    folder = Path(out)
     if discrimination:
         graph['calibration'] = diagnosing(folder, graph.get('calibration'))
     specs = night_graph(
         bag=str(folder / 'bag'), plan=plan, scenario=scenario,
         mount=kind_of_mount(scenario, mount),
         model_file=str(reference.resolve()) if reference else '', **graph)
+    parameter_file.check(specs, params_file)
+    prepare_folder(folder)
     written = observe(folder, specs, plan, partial(write_results, folder), progress, domain_number,
                       params_file)
     write_page(folder, written)  # before there is anything of the simulator's in the report

@@ -51,18 +51,21 @@ def run(args):
     from msg_tools.units import DEG
     from pointing_model.mounts import parse_mount
 
-    from .. import domain
+    from .. import domain, parameter_file
     from ..drivers.listener import check_drivers
     from ..drivers.samples import WRONG
+    from ..graph import NODES, NodeSpec
     from .console import new_console, print_all, write_json
     if args.star and not args.nudge:
         raise ValueError('--star is for --nudge: give both')
     sky = options.sky_of(args)
     mount = parse_mount(args.mount, sky.get('latitude_deg', 0.0) * DEG)
+    console = new_console()
+    guard = NodeSpec('mount_guard', NODES['mount_guard'], sky)
+    print_all(console, parameter_file.check([guard], args.params, namespace=args.namespace))
     number = domain.join(args.domain).number
     findings = check_drivers(mount, number, args.namespace, args.seconds, args.nudge * DEG,
                              args.home, sky, args.params, args.star)
-    console = new_console()
     print_all(console, (f'{level:<6} {of}: {text}' for level, of, text in findings))
     wrong = sum(finding.level == WRONG for finding in findings)
     console.print(f'{wrong} wrong' if wrong else 'nothing wrong')

@@ -271,20 +271,14 @@ def check_params(path):
     Raises
     ------
     ValueError
-        It is not there, or no YAML.
+        It is not there, or none.
     """
     if path is None:
         return
     if not path.is_file():
         raise ValueError(f'{path} is no file; give a ROS parameter file with --params')
-    import yaml
-    try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f'{path} is no YAML ({" ".join(str(error).split())[:100]}); '
-                         'config/site.yaml is one to copy') from None
-    if document is not None and not isinstance(document, dict):
-        raise ValueError(f'{path} holds no parameters; config/site.yaml is one to copy')
+    from ..parameter_file import sections
+    sections(path)
 
 
 def check_target(path, suffixes=()):

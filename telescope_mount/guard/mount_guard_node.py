@@ -86,8 +86,10 @@ class MountGuard(ManagedNode):
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
             self._whole and value('use_sim_time')),
             time.monotonic)
+        # limits of an azimuth mount need no site: a default is none
         self._sky = rows_of(self._supervisor.limits) | {
-            param.name: value(param.name) for param in SKY_PARAMS[:3]}
+            param.name: value(param.name) for param in SKY_PARAMS[:3]
+            if param.name in self._parameter_overrides or not self._mount.vertical}
         self._published, self._renewed, self._crowd = None, 0.0, ''
         self._idle, self._was_wanted = time.monotonic(), False  # not active since; and then
         self._ticked, self._late = 0.0, False

@@ -50,6 +50,7 @@ class GuardLink:
         self._publisher, self._request = node.publisher(topics.REQUEST), None
         self._owner_pub = node.publisher(topics.REQUEST_OWNER)
         self.known, self.ends, self.allowed, self.own_way = False, '', None, False
+        self._rows = {}
         self._there, self._holds, self._refused, self._command = False, '', (0, ''), None
 
     def take_status(self, message, site):
@@ -58,11 +59,15 @@ class GuardLink:
         state, self.known = rows.get('state', ''), True
         self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
         self.own_way = rows.get('goto') == 'True'
-        self.allowed = AllowedSky.from_rows(rows, site)
+        self.allowed, self._rows = AllowedSky.from_rows(rows, site), rows
         self.ends = f'the mount guard: {message.message}' if state in ENDING else ''
         if self.ends:
             self._request = None
         self._holds = message.message if state in ('paused', 'inactive') else ''
+
+    def site_changed(self, site):
+        """Know anew what it allows."""
+        self.allowed = AllowedSky.from_rows(self._rows, site)
 
     def take_command(self, message):
         """Take what the guard sends to the mount."""
@@ -101,6 +106,12 @@ class GuardLink:
     def elsewhere(self):
         """Why its sky may be another than that of the observer, '' where it is not."""
         return self.allowed.elsewhere if self.allowed else ''
+
+    def lacking(self):
+        """What a plan has to wait for before it begins, a list of str."""
+        if not self.known:
+            return ['the guard to say whether the mount may move']
+        return [f'one site: {self.elsewhere}'] if self.elsewhere else []
 
     def held(self):
         """Why the mount may not be moved now; '' if it may."""

@@ -151,6 +151,7 @@ class StarObserver(MountNode):
     def parameters_changed(self, names):
         """Take a new site or weather from the next exposure on; the mount stays on its pier."""
         self._sky = sky_of(self)
+        self.guard.site_changed(self._sky[0])
         self._instruments.health.field = self.value('field_deg') * DEG
         if 'camera_late_s' in names:
             self._sequencer.night.clocks = {}
@@ -360,8 +361,7 @@ class StarObserver(MountNode):
                 missing = ['the calibration to say what it knows']
         elif self._calibration_is_silent():
             missing = ['the calibration to say what it knows']
-        if not (missing or self.guard.known):
-            missing = ['the guard to say whether the mount may move']
+        missing = missing or self.guard.lacking()
         if not missing and self._has_rows and not len(self._table):
             missing = ['the calibration to give back the rows of the night so far']
         return missing

@@ -36,6 +36,7 @@ from telescope_mount.simulation import scenario_names
 
 FILE = ROOT / 'launch' / 'night.launch.py'
 REAL_FILE = ROOT / 'launch' / 'real_mount.launch.py'
+SITE = str(ROOT / 'config' / 'site.yaml')
 
 
 class Described:
@@ -51,7 +52,7 @@ class Described:
 def stand_in(monkeypatch):
     """Modules with the names that the launch file imports, each class of its own."""
     names = {'launch': ('LaunchDescription',),
-             'launch.actions': ('DeclareLaunchArgument', 'EmitEvent', 'ExecuteProcess',
+             'launch.actions': ('DeclareLaunchArgument', 'EmitEvent', 'ExecuteProcess', 'LogInfo',
                                 'OpaqueFunction', 'RegisterEventHandler', 'SetEnvironmentVariable'),
              'launch.event_handlers': ('OnProcessExit',), 'launch.events': ('Shutdown',),
              'launch.substitutions': ('LaunchConfiguration',), 'launch_ros': (),
@@ -166,18 +167,35 @@ def test_with_robot_state_publisher_the_mount_is_described_by_it(night, tmp_path
 
 
 def test_a_real_mount_is_launched_with_sample_drivers_or_ones_own(real):
-    actions = real(bag='b', mount='german', absolute_encoder='true', exposure='1',
+    actions = real(bag='b', mount='german', params_file=SITE, absolute_encoder='true', exposure='1',
                    display='false')
     wanted = real_graph(bag='b', plan=real_plan(30), mount='german', absolute_encoder=True,
                         exposure=1.0)
     assert [(node.values['name'], node.values['parameters']) for node in actions['Node']] == [
-        (spec.name, [spec.parameters]) for spec in wanted]
+        (spec.name, [spec.parameters, SITE]) for spec in wanted]
     drivers = [process.values['cmd'] for process in actions['ExecuteProcess']]
     assert sorted(Path(words[3]).name for words in drivers) == sorted(
         path.name for path in (ROOT / 'examples').glob('*.py'))
-    assert all(words[4:] == ['--ros-args', '-r', f'__ns:={NAMESPACE}'] for words in drivers)
+    assert all(words[4:] == ['--ros-args', '-r', f'__ns:={NAMESPACE}', '--params-file', SITE]
+               for words in drivers)
     assert len(actions['RegisterEventHandler']) == len(wanted) + len(drivers)
-    assert 'ExecuteProcess' not in real(drivers='none')
+    assert 'ExecuteProcess' not in real(drivers='none', params_file=SITE)
+
+
+def test_a_parameter_file_that_sets_nothing_is_refused_and_what_drivers_read_is_named(
+        real, night, tmp_path):
+    with pytest.raises(ValueError, match='no site for mount_guard and star_observer'):
+        real()
+    path = tmp_path / 'mine.yaml'
+    path.write_text(Path(SITE).read_text() + '/**/dome: {ros__parameters: {slit_m: 2.0}}\n')
+    with pytest.raises(ValueError, match=f'{path}: section /../dome matches no node in /mount'):
+        night(params_file=str(path))
+    assert [action.values['msg'] for action in real(params_file=str(path))['LogInfo']] == [
+        f'{path}: section /**/dome is of no node here; a driver of that name may read it']
+    path.write_text('/mount/camera: {ros__parameters: {seed: 2}}')
+    assert night(params_file=str(path))
+    with pytest.raises(ValueError, match=r'no node in /dome/north: write /\*\*/camera'):
+        night(params_file=str(path), namespace='/dome/north')
 
 
 @pytest.mark.parametrize('arguments, words', [

@@ -19,7 +19,7 @@ import pytest
 from msg_tools.status_rows import Progress
 from telescope_mount import domain
 from telescope_mount.observing.night_file import NightFile
-from telescope_mount.real_night import _folder, _free
+from telescope_mount.real_night import _folder, _free, run_real_night
 from telescope_mount.whole_night import STATE
 
 
@@ -81,6 +81,15 @@ def test_anew_keeps_what_was_there_beside(interrupted):
 def test_another_plan_is_no_interrupted_one(interrupted):
     with pytest.raises(ValueError, match="with the plan 'home, stars 4, fit': give that one to go"):
         _folder(interrupted, 'stars 9, fit', 'altaz', False, print)
+
+
+def test_a_refused_parameter_file_leaves_it_as_it_was(interrupted, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('mount_guard: {ros__parameters: {least_elevation_deg: 50.0}}')
+    for anew in (True, False):
+        with pytest.raises(ValueError, match='section mount_guard matches no node'):
+            run_real_night(interrupted, plan=PLAN, params_file=path, anew=anew)
+        assert (interrupted / STATE).exists()
 
 
 def test_a_night_that_is_over_is_not_touched(interrupted):

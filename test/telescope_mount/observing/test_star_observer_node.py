@@ -29,6 +29,8 @@ from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.site import DEFAULT_SITE, Site
 from pointing_model.sky.star_catalogue import POLARIS_HIP, satellite_target
+from telescope_mount.guard.allowed_sky import rows_of
+from telescope_mount.guard.limits import Limits
 from telescope_mount.observing.star_observer_node import StarObserver
 
 # --- signs --------------------------------------------------------------------------------------
@@ -353,6 +355,18 @@ def test_no_plan_begins_while_the_guard_takes_no_request(graph):
     assert not answer.success and answer.message == 'the mount guard: aborted: call resume'
     tell('idle')
     assert graph.call('observe').success and len(night.run()) == 1
+
+
+def test_no_plan_begins_while_guard_and_observer_are_at_two_sites(graph):
+    Instruments(graph, guard=False)
+    night = Night(graph, 'stars 1')
+    graph.publisher(topics.GUARD_STATUS).publish(convert.status(
+        DiagnosticStatus.OK, '/mount/mount_guard', 'no request', state='idle',
+        **rows_of(Limits()), latitude_deg=36.0, longitude_deg=109.0))
+    night.until('waiting', 'one site: the guard takes the mount to be at 36.0000, 109.0000 deg, '
+                'not at 34.3000, 109.0000: give both one site')
+    assert graph.set_parameter(night.node, latitude_deg=36.0) == (True, '')
+    assert len(night.run()) == 1 and night.node.guard.elsewhere == ''
 
 
 def test_its_clients_are_discovered_before_what_the_graph_is_judged_by(graph, monkeypatch):
