@@ -19,10 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.mounts import is_beyond
+from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.rms import rms, sigma_of
-from pointing_model.runs.plate_solves.frames import B1950, ICRS, MEAN_OF_DATE, OF_DATE
+from pointing_model.runs.plate_solves.frames import B1950, ICRS, MEAN_OF_DATE, OF_DATE, to_date
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import EQUINOXES
+from pointing_model.sky.places import sidereal_time
 
 from .finding import Finding
 from .term_fit import fit_terms
@@ -220,6 +222,7 @@ class _FrameFit:
     what: str
     misfit: float
     rms_arcsec: float
+    of_readings: bool = False
 
 
 def _check_frame(run, solved):
@@ -236,10 +239,11 @@ def _check_frame(run, solved):
         run, solved = _some(run), solved.at(lines)
     taken, *others = [*(_fit_of(run, solved, frame) for frame in frames),
                       _fit_of(run, solved, solved.frame, hours=True)]
-    others = sorted((fit for fit in others if fit is not None), key=lambda fit: fit.misfit)
+    others = [fit for fit in others if fit is not None]
     lost = taken is None
     if lost:
         taken = _FrameFit(solved.frame.text, 0.0, 1.0 / ARCSEC)
+    others = sorted([*others, *_fits_of_readings(run)], key=lambda fit: fit.misfit)
     if not others:
         return
     best = others[0]
@@ -247,12 +251,16 @@ def _check_frame(run, solved):
     if np.exp(gain) > _BETTER and 2 * len(run) * gain > _LIKELIER and best.rms_arcsec < _FITS:
         _refuse_others(run, best)
         left = 'do not fit' if lost else f'leave {taken.rms_arcsec:.1f} arcsec'
+        option = run.meta.get('equinox_given')
+        near = [fit for fit in others if fit.misfit < best.misfit + np.log(_BETTER)]
+        near.sort(key=lambda fit: not fit.of_readings)
         raise ValueError(
-            f'{where}: ' + ('the file says' if solved.declared else
-                            'no frame is declared; taken are')
-            + f' {taken.what}, where the seven terms {left}; as {best.what} the '
-            f'places leave {best.rms_arcsec:.1f} arcsec. Nothing was concluded; '
-            f'{_advice(run, best)}')
+            f'{where}: ' + (f'--equinox {option} says' if option else 'the file says'
+                            if solved.declared else 'no frame is declared; taken are')
+            + f' {taken.what}, where the seven terms {left}; '
+            + ', '.join(f'{"readings" * fit.of_readings or "places"} as {fit.what} leave '
+                        f'{fit.rms_arcsec:.1f} arcsec' for fit in near)
+            + f'. Nothing was concluded; {_advice(run, near)} if so it is')
     if not solved.declared:
         if -2 * len(run) * gain < _DECISIVE:
             raise _undeclared(run, f'the data cannot determine it: {taken.what} leaves '
@@ -272,14 +280,19 @@ def _refuse_others(run, best):
             raise
 
 
-def _advice(run, fit):
-    return ('give degrees' if fit.what == 'hours' else
-            f'declare {_declaration(run, fit.what)} if so it is')
+def _advice(run, fits):
+    options = {frame.text: name for name, frame in EQUINOXES.items()}
+    return ', or '.join(dict.fromkeys(
+        'give degrees' if fit.what == 'hours' else
+        f'declare {_declaration(run, fit.what, "readings")}' if fit.of_readings else
+        f'give --equinox {options[fit.what]}'
+        if run.meta.get('equinox_given') and fit.what in options else
+        f'declare {_declaration(run, fit.what)}' for fit in fits))
 
 
-def _declaration(run, frame):
-    """How a file says its frame."""
-    return f'"frame: {frame}"' if run.meta.get('format') == 'images' else f'"# frame: {frame}"'
+def _declaration(run, frame, key='frame'):
+    """How a file says its frame, or that of the readings."""
+    return f'"{key}: {frame}"' if run.meta.get('format') == 'images' else f'"# {key}: {frame}"'
 
 
 def _undeclared(run, why):
@@ -299,8 +312,34 @@ def _fit_of(run, solved, frame, hours=False):
     try:
         az, el = solved.observed(frame, ra)
         az, el = run.mount.axes_of(az, el, is_beyond(run['el']))
+    except ValueError:
+        return None
+    return _fitted(_bare(run, az=az, el=el), 'hours' if hours else frame.text)
+
+
+def _fits_of_readings(run):
+    """The same if right ascensions of the mount were of another frame."""
+    solved = run.meta.get('solved_readings')
+    if solved is None:
+        return []
+    solved, out = solved.at(run.lines), []
+    lst = sidereal_time(solved.time, solved.site)
+    for frame in (ICRS, MEAN_OF_DATE, OF_DATE):
+        if frame == solved.frame:
+            continue
+        ra, dec = to_date(solved.ra, solved.dec, frame, solved.time)
+        first, second = through_pole(lst - ra, dec, is_beyond(dec) != is_beyond(run['el_enc']))
+        away = [wrap(angle - run[name]) for angle, name in ((first, 'az_enc'), (second, 'el_enc'))]
+        out.append(_fitted(_bare(run, az_enc=run['az_enc'] + away[0],
+                                 el_enc=run['el_enc'] + away[1]),
+                           'J2000' if frame == ICRS else frame.text, of_readings=True))
+    return [fit for fit in out if fit is not None]
+
+
+def _fitted(bare, what, **how):
+    try:
         # near the horizon a place of another frame may lie where refraction has no meaning
-        fitted = fit_terms(_bare(run, az=az, el=el))
+        fitted = fit_terms(bare)
     except ValueError:
         return None
     fitting = np.isfinite(fitted.residual_x) & (fitted.weights > 0.0)
@@ -308,8 +347,8 @@ def _fit_of(run, solved, frame, hours=False):
         return None
     noise = [max(float(sigma_of(v[np.isfinite(v)])), _LEAST_NOISE)
              for v in (fitted.residual_x, fitted.residual_y)]
-    return _FrameFit('hours' if hours else frame.text, 0.5 * float(np.log(noise[0] * noise[1])),
-                float(np.hypot(*noise)) / ARCSEC)
+    return _FrameFit(what, 0.5 * float(np.log(noise[0] * noise[1])),
+                     float(np.hypot(*noise)) / ARCSEC, **how)
 
 
 def _note_tilt(run):

@@ -263,7 +263,7 @@ def _settle_equinox(path, table, given):
     if declared is not None and declared != frame:
         table.meta['notes'].append(f'the file says that its places are {declared.text}, they were '
                                    f'read as {frame.text}')
-    table.meta['sky_frame'] = frame
+    table.meta.update(sky_frame=frame, equinox_given=given)
 
 
 def _compare_site(site, meta):

@@ -83,6 +83,9 @@ def observe_places(path, table, weather, origin, mount):
             if by_fit and declared is None:
                 az[ok], el[ok] = equinox.which_fits(
                     table, ok, (az[ok], el[ok]), (ra[ok], dec[ok], time[ok], site, air), mount)
+            elif by_fit and 'equinox_given' in meta:
+                equinox.refuse_contradicted(path, table, ok, (az[ok], el[ok]),
+                                            (ra[ok], dec[ok], time[ok], site, air), mount)
         except ValueError as error:
             text = str(error)
             raise ValueError(text if text.startswith(str(path)) else f'{path}: {text}') from None
@@ -132,8 +135,13 @@ def mount_ascension(path, table):
         lst[known] = sidereal_time(time[known], site)
         text = f'the time at longitude {site.longitude / DEG:.6g} deg'
         meta['reads_by_clock'] = True  # another clock is another hour angle of the mount
+    from pointing_model.runs.plate_solves.frames import OF_DATE, to_date
+    if 'solved' in meta:  # as they are written
+        rows = np.searchsorted(table.lines, meta['solved'].lines)
+        meta['solved_readings'] = replace(
+            meta['solved'], ra=ascension[rows], dec=columns['el_enc'][rows],
+            frame=frame or OF_DATE, declared=frame is not None)
     if frame is not None:
-        from pointing_model.runs.plate_solves.frames import to_date
         known = np.isfinite(columns['time']) & np.isfinite(ascension)
         ascension[known], columns['el_enc'][known] = to_date(
             ascension[known], columns['el_enc'][known], frame, columns['time'][known])

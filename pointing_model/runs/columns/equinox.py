@@ -37,6 +37,8 @@ from .pier_side import read_beyond
 J2000, OF_DATE = 'J2000', 'of date'
 #: log-likelihood by which one must be likelier than the other
 DECISIVE = 10.0
+#: the same, how many times less the terms leave, and how little (arcsec), where the other is given
+_REFUSED, _TIMES, _FITS = 30.0, 1.25, 600.0
 _ROWS = 1000  # that are tested, evenly, of many
 _MODES = 6  # of the random walk of each axis
 _LEAST_NOISE = 0.5  # arcsec
@@ -67,17 +69,58 @@ def which_fits(table, rows, icrs, apparent, mount):
     -------
     az, el : ndarray
     """
-    from pointing_model.runs.plate_solves import frames
-    from pointing_model.sky.places import icrs_to_observed
-    reading = np.array([table.columns[name][rows] for name in ('az_enc', 'el_enc')])
-    ra, dec, time, *air = apparent
-    time = np.broadcast_to(time, np.shape(ra))
-    places = {J2000: icrs,
-              OF_DATE: icrs_to_observed(*frames.to_icrs(ra, dec, frames.OF_DATE, time), time, *air)}
-    found = comparison(places, reading, time, mount)
+    places = {J2000: icrs, OF_DATE: _observed(OF_DATE, *apparent)}
+    found = _compared(table, rows, places, apparent, mount)
     table.meta['equinox_taken'] = found
     table.meta['notes'].append(sentence(found))
     return places[found['taken']]
+
+
+def refuse_contradicted(path, table, rows, place, given, mount):
+    """Refuse the equinox that was given where the rows fit the other by far.
+
+    Parameters
+    ----------
+    path : Path
+    table, rows, mount
+        As of `which_fits`.
+    place : tuple of ndarray
+        Observed azimuth and elevation by the equinox that was given.
+    given : tuple
+        As `apparent` of `which_fits`.
+
+    Raises
+    ------
+    ValueError
+        They do.
+    """
+    option = table.meta['equinox_given']
+    taken, other, instead = (J2000, OF_DATE, 'date') if option == 'j2000' else (
+        OF_DATE, J2000, 'j2000')
+    found = _compared(table, rows, {taken: place, other: _observed(other, *given)}, given, mount)
+    left = found['left_arcsec']
+    if found['likelier'] == other and found['log_likelihood'] > _REFUSED and (
+            _TIMES * left[other] < min(left[taken], _TIMES * _FITS)):
+        raise ValueError(
+            f'{path}: --equinox {option} contradicts the rows: the terms alone leave (median) '
+            f'{left[taken]:.1f} arcsec if {taken}, {left[other]:.1f} if {other} (log-likelihood '
+            f'{found["log_likelihood"]:.0f}). Nothing was concluded; give --equinox {instead}, or '
+            'leave it out')
+
+
+def _observed(equinox, ra, dec, time, *air):
+    """Azimuth and elevation of places of an equinox."""
+    from pointing_model.runs.plate_solves import frames
+    from pointing_model.sky.places import icrs_to_observed
+    if equinox == OF_DATE:
+        ra, dec = frames.to_icrs(ra, dec, frames.OF_DATE, time)
+    return icrs_to_observed(ra, dec, time, *air)
+
+
+def _compared(table, rows, places, apparent, mount):
+    reading = np.array([table.columns[name][rows] for name in ('az_enc', 'el_enc')])
+    ra, _, time, *_ = apparent
+    return comparison(places, reading, np.broadcast_to(time, np.shape(ra)), mount)
 
 
 def comparison(places, reading, time, mount):

@@ -29,7 +29,7 @@ from pointing_model.runs.columns import equinox
 from pointing_model.runs.formats.csv import write_csv
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_reader import read_run
-from pointing_model.sky.places import icrs_to_observed, moment_of, sidereal_time
+from pointing_model.sky.places import icrs_to_observed, moment_of, observed_to_icrs, sidereal_time
 from pointing_model.sky.refraction import Weather
 from pointing_model.sky.site import Site
 
@@ -241,6 +241,30 @@ def test_an_equinox_that_the_file_tells_otherwise(read):
     assert run.meta['solved'].frame.text == 'of date'
     assert any('the file says that its places are ICRS, they were read as of date' in note
                for note in run.meta['notes'])
+
+
+def test_an_equinox_that_the_rows_contradict_by_far_is_refused(read):
+    rng, n, site = np.random.default_rng(6), 30, Site(39.0 * DEG, 0.0, 0.0)
+    time = 1776729600.0 + np.sort(rng.uniform(0.0, 3.0, n)) * 3600.0
+    az, el = rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.4, 0.9, n))
+    lst = np.array([sidereal_time(t, site) for t in time])
+    h, d = Mount.equatorial(site.latitude).axes_of(az, el)
+
+    def sexagesimal(angle, unit=1.0, parts=3):
+        sign, left, out = '-' if angle < 0.0 else '+', abs(angle) / DEG / unit, []
+        for _ in range(parts - 1):
+            out.append(f'{int(left)}')
+            left = 60.0 * (left % 1.0)
+        return sign * (unit == 1.0) + ' '.join([*out, f'{left:.4f}'])
+    ra, dec = observed_to_icrs(az, el, time, site, Weather(1013.0, 10.0))
+    rows = [' '.join([sexagesimal(a, 15.0), sexagesimal(b), sexagesimal(c, 15.0), sexagesimal(e),
+                      sexagesimal(t, 15.0, 2)]) for a, b, c, e, t in zip(
+        ra, dec, np.mod(lst - h + 0.001, 2.0 * np.pi), d + ARCSEC * rng.normal(size=n), lst)]
+    text = '\n'.join(['mount', ': NODA', ': EQUAT', '+39 00 00 2026 4 21 10 1013 0 0.6', *rows, ''])
+    assert len(read(text, equinox='j2000')) == n
+    with pytest.raises(ValueError, match=r'--equinox date contradicts the rows: .* arcsec if of '
+                       r'date, \d\.\d if J2000 .* give --equinox j2000, or leave it out'):
+        read(text, equinox='date')
 
 
 def sky_run(rng, mount, drift, n=60, hours=1.5):
