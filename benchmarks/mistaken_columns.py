@@ -184,7 +184,7 @@ def right_input(data, nights):
         except ValueError:
             continue  # a header without rows
         try:
-            noted += bool(check_columns(run).notes)
+            noted += bool(check_columns(run).findings)
             passed += 1
         except MistakenColumns as error:
             refused += 1
@@ -205,7 +205,7 @@ def right_input(data, nights):
         x, y = effects_of(rng, az, el)
         try:
             noted += bool(check_columns(PointingRun(dict(zip(
-                NAMES, (az, el, az_enc + x / np.cos(el), el_enc + y))))).notes)
+                NAMES, (az, el, az_enc + x / np.cos(el), el_enc + y))))).findings)
         except MistakenColumns:
             refused += 1
     print(f'simulated nights: {refused} of {nights} refused, {noted} with a note')

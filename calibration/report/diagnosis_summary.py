@@ -152,7 +152,8 @@ def _cautions(document):
 
 def _todo(document):
     """What would distinguish the causes of the largest effect that has several."""
-    rows = sorted((row for row in document['effects'] if open_causes(row) > 1),
+    rows = sorted((row for row in document['effects'] if open_causes(row) > 1
+                   and all(one['effects'] for one in row.get('causes') or ())),
                   key=lambda row: -(row.get('removes_rms_arcsec') or 0.0))
     if not rows:
         return ''

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis.residual_patterns import PATTERNS
+from calibration.analysis.diagnosis.residual_patterns import OF_A_FIT
 from calibration.report.row_wording import outlier_sentence
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
@@ -99,7 +99,7 @@ def render_fit(found, document):
 
 def _patterns(findings):
     """Those that say where to look first."""
-    return [one for one in findings if getattr(one, 'kind', '') in PATTERNS]
+    return [one for one in findings if getattr(one, 'kind', '') in OF_A_FIT]
 
 
 def _residuals(found):

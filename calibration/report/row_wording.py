@@ -341,8 +341,8 @@ KINDS = {
     'columns alike': lambda found: columns_alike(found.causes),
     'reading as good': _reading_as_good,
     'better reading': lambda found: (
-        f'{found["where"]}{found.causes[0]} would fit to {found.after:.1f} arcsec, the seven '
-        f'terms to {found.before:.1f}. Check the {found["what"]}; an effect beyond the terms '
+        f'{found["where"]}{", or ".join(found.causes)} would fit to {found.after:.1f} arcsec, the '
+        f'seven terms to {found.before:.1f}. Check the {found["what"]}; an effect beyond the terms '
         'may do so too'),
     'star measured again': lambda found: (
         f'{found["word"]}s {"; ".join(map(_together_again, found["rows"]))} are repeated '

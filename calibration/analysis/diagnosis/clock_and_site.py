@@ -59,7 +59,7 @@ class MovedRun:
     turn: np.ndarray = 0.0
     mistakes, elsewhere = 1, True
     catalogue = encoders = ()
-    offsets, exchanged = '', False
+    offsets, exchanged, given = '', False, ''
 
     def places(self, az, el, az_enc, el_enc, held=False, **clock):
         """As `Reading.places`; what is of the catalogue counts no more."""

@@ -28,7 +28,7 @@ from .alternatives import alternatives, repeated_choice
 from .base_terms import Base
 from .detection_limits import detectable
 from .diagnosis_result import build_diagnosis
-from .effect_causes import diagnosed_effects
+from .effect_causes import diagnosed_effects, doubt_columns
 from .effect_choice import choose_effects, keep_repeated, refine_scans
 from .exact_models import exact_fits, exact_models, memory_findings
 from .history_facts import history_findings
@@ -190,7 +190,7 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     if run.obs.whole:
         result.notes.append(Finding('rows searched', len(run.obs), unit='rows',
                                     evidence={'all': len(run.obs.whole)}))
-    result.notes += [*checked.findings,
+    result.notes += [*doubt_columns(result, checked.findings),
                      *(Finding('held out', evidence={'of': one}) for one in held.findings)]
     if result.cv_contiguous:
         result.notes += better_prediction(run, result.cv_contiguous['after'])

@@ -31,6 +31,8 @@ from .exact_models import choice_fit, exact_model
 #: what changes little by little, where a step says "at once"
 _GRADUAL = ('time', 'order', 'run_hours', 'temperature')
 _MOST_CURVES = 2
+#: times what the effects leave, within which a reading of the columns explains the rows as well
+_AS_WELL = 1.25
 
 
 @dataclass
@@ -185,6 +187,36 @@ def cause_entry(e, delta_bic, names=None):
             'look_at': e.look_at, 'effort': e.effort,
             'only_shape': e.only_shape, 'effects': [e.name] if names is None else list(names),
             'delta_bic': delta_bic, 'more_effects': 0}
+
+
+def doubt_columns(result, findings):
+    """Say first, in place, where a reading of the columns fits as well as the effects do.
+
+    Parameters
+    ----------
+    result : Diagnosis
+    findings : list of Finding
+        Of `mistaken_columns.ColumnCheck`.
+
+    Returns
+    -------
+    list of Finding
+        The others.
+    """
+    doubts = [one for one in findings if one.kind == 'better reading'
+              and one.after < _AS_WELL * result.after['rms_arcsec']]
+    result.cautions = [*result.cautions, *doubts]
+    for found in doubts:
+        for effect in result.effects:
+            effect.causes += [{
+                'cause': text, 'shape': one['shape'],
+                'driver': one['driver'], 'axes': one['axes'], 'delta_bic': one['delta_bic'],
+                'look_at': f'the {found["what"]} of the file', 'effort': 0, 'only_shape': False,
+                'effects': [], 'more_effects': 0}
+                for one in effect.causes[:1] for text in found.causes]
+        if result.verdict == 'identified':
+            result.verdict = 'ambiguous'
+    return [one for one in findings if one not in doubts]
 
 
 def _causes(effects, delta_bic, groups):

@@ -50,6 +50,8 @@ _FITS = (0.05, 600.0)
 #: bad night (1.7 times; the effects below do so too). With zenith distances in both pairs 67 of 70
 #: runs of three telescopes are told; the other three have 2, 15 and 46 rows.
 _BETTER, _LIKELIER = 1.25, 15.0
+#: the same of offsets on the sky that a file gives, radial: exchanged they may fit one axis alone
+_CLEARLY = 1.5
 #: the same where common effects are fitted too (`usual` of the kind of mount)
 _WITH_EFFECTS = (1.15, 10.0)
 #: of these the run as written may have so many in place of a mistake
@@ -159,8 +161,13 @@ class _RunCheck:
         # the mirror image of a mount is one, to the last digit: no fit is needed
         out = ColumnCheck()
         out.alike = [] if self.rows.held else [MIRRORED.text(names=self.mount.names)]
-        for other in others:
-            self._compare(other, written, others, out)
+        better = [other for other in others if self._is_better(other, written, others, out)]
+        if better:
+            better = _alike(better)
+            out.findings.append(Finding(
+                'better reading', causes=tuple(one.text for one in better),
+                before=written.rms_arcsec, after=better[0].rms_arcsec, evidence={
+                    'where': self.rows.where, 'what': better[0].reading.kind}))
         elsewhere = _likeliest([fit for fit in others if fit.reading.elsewhere
                                 and fit.better_than(written)[0] > 1.0 / _ALIKE])
         if not out.findings and elsewhere and elsewhere.better_than(written)[1] > -_AS_LIKELY:
@@ -169,22 +176,21 @@ class _RunCheck:
                 'sizes_deg': _sizes(elsewhere), 'as_written_deg': _sizes(written)}))
         return out
 
-    def _compare(self, other, written, others, out):
-        """Refuse the run as written if the other is what it is; note what may be."""
+    def _is_better(self, other, written, others, out):
+        """Refuse the run as written if the other is what it is; whether it may be."""
+        if other.reading.given and other.rms_arcsec > written.rms_arcsec / _CLEARLY:
+            return False
         if other.far_better_than(written, _BETTER, _LIKELIER) and other.rms_arcsec < _FITS[1]:
             if self._is_clear(other.reading) or self._needed(other, written):
                 alike = _alike(others)
                 self._refuse(written, alike if other in alike else [other])
             if other.rms_arcsec < written.rms_arcsec / _BETTER or other.reading.elsewhere or (
                     other.reading == NEGATED):
-                out.findings.append(Finding(
-                    'better reading', causes=(other.text,), before=written.rms_arcsec,
-                    after=other.rms_arcsec,
-                    evidence={'where': self.rows.where, 'what': other.reading.kind}))
-            else:
-                out.alike.append(other.text)
+                return True
+            out.alike.append(other.text)
         elif not other.reading.elsewhere and other.as_good_as(written, _ALIKE, _AS_LIKELY):
             out.alike.append(other.text)
+        return False
 
     def _single(self):
         return [*single_readings(self.rows.held, self.mount, self.rows.lst is not None),

@@ -61,6 +61,16 @@ _OFFSETS = {
     for name, factor in (('degrees', 1.0), ('arcseconds', 1.0 / 3600.0))
     for where in ('', ' on the sky')
     for sign, direction in (('encoder - catalogue', 1.0), ('catalogue - encoder', -1.0))}
+#: what offsets on the sky that a file gives may be: text, (x, y, cosine of the second angle) as
+#: written -> (x, y), and the power of the cosine that they gain
+_GIVEN = {
+    'no cosine': ('column x_arcsec not multiplied by cos({e})', lambda x, y, c: (x * c, y), 1),
+    'cosine twice': ('column x_arcsec multiplied twice by cos({e})',
+                     lambda x, y, c: (x / c, y), -1),
+    'negative': ('column x_arcsec or y_arcsec with the other sign', lambda x, y, _: (-x, y), 0),
+    'exchanged': ('columns x_arcsec and y_arcsec exchanged', lambda x, y, _: (y, x), 0),
+    'turned': ('columns x_arcsec and y_arcsec exchanged, one of them with the other sign',
+               lambda x, y, _: (y, -x), 0)}
 
 
 @dataclass(frozen=True)
@@ -95,12 +105,15 @@ class Reading:
         What offsets the encoder columns hold; '': readings.
     exchanged : bool
         Catalogue and encoders are in each other's place.
+    given : str
+        What the offsets are that the file gives in place of readings; '': what they are named.
     """
 
     catalogue: tuple = ()
     encoders: tuple = ()
     offsets: str = ''
     exchanged: bool = False
+    given: str = ''
     #: no other clock or site; what is wrong then, and what to do
     elsewhere, kind, advice = False, 'columns', 'set the columns right'
 
@@ -108,7 +121,7 @@ class Reading:
     def mistakes(self):
         """How many."""
         return (len(set(self.catalogue) | set(self.encoders)) + bool(self.offsets)
-                + self.exchanged)
+                + self.exchanged + bool(self.given))
 
     def places(self, az, el, az_enc, el_enc, held=False, lst=None, sidereal=False):
         """The columns set right.
@@ -119,7 +132,7 @@ class Reading:
             As written, taken for degrees and given in radians.
         held : bool
             The file has offsets on the sky in place of encoder angles, and they stay: a mistake
-            is then one of the catalogue.
+            is then one of the catalogue, or of these.
         lst : ndarray, shape (n,), optional
             Sidereal time, radians, with a zero of its own.
         sidereal : bool
@@ -132,13 +145,17 @@ class Reading:
         if 'ascension' in (*self.catalogue, *self.encoders):
             az, az_enc = self._from_ascension(az, az_enc, el_enc, lst, sidereal)
         if held:
-            x, y = wrap(az_enc - az) * np.cos(el), el_enc - el
+            turned = is_beyond(el) != is_beyond(el_enc)
+            first, second = through_pole(az, el, turned)
+            x, y, scale = self._given_offsets(wrap(az_enc - first) * np.cos(second),
+                                              wrap(el_enc - second), np.abs(np.cos(el)))
         if self.exchanged:
             az, el, az_enc, el_enc = az_enc, el_enc, az, el
         az, el, _ = _set_right(az, el, self.catalogue)
-        scale, reach = 1.0, np.cos(el)
+        reach = np.cos(el)
         if held:
-            az_enc, el_enc, reach = az + x / reach, el + y, 1.0
+            first, second = through_pole(az, el, turned)
+            az_enc, el_enc, reach = first + x / np.cos(second), second + y, 1.0
         elif self.offsets:
             unit, on_sky = _OFFSETS[self.offsets]
             scale, reach = unit**2, 1.0 if on_sky else reach
@@ -151,6 +168,12 @@ class Reading:
             if 'sideless' in self.encoders:
                 az_enc, el_enc = through_pole(az_enc, el_enc, np.sin(az) < 0.0)
         return Places(az, el, az_enc, el_enc, scale * np.abs(reach) * np.ones(len(az)))
+
+    def _given_offsets(self, x, y, cosine):
+        if not self.given:
+            return x, y, 1.0
+        _, work, power = _GIVEN[self.given]
+        return *work(x, y, cosine), cosine**power
 
     def _from_ascension(self, az, az_enc, el_enc, lst, sidereal):
         """Hour angles of both pairs, with the clock's zero where the other pair has them."""
@@ -189,11 +212,13 @@ class Reading:
                 if south:
                     text = f'azimuth {where} counted from the south through east'
             parts.append(text)
+        if self.given:
+            parts.append(_GIVEN[self.given][0].format(**words))
         if self.offsets:
             parts.append(f"offsets in place of the encoders' readings, in {self.offsets}")
         if self.exchanged:
             parts.append('mount and catalogue exchanged')
-        if south and not reversed_here and not self.offsets:
+        if south and not reversed_here and not self.offsets and not self.given:
             parts.append('azimuth of one of the two pairs counted from the south')
         if not parts:
             turn = np.degrees(wrap(zero))
@@ -266,12 +291,14 @@ def _joined(*readings):
             return None
     kinds = [set(r.catalogue) | set(r.encoders) for r in readings]
     if kinds[0] & kinds[1] or all(kind & set(_UNITS) for kind in kinds) or any(
-            r.exchanged for r in readings) or (one.offsets and other.offsets) or any(
+            r.exchanged for r in readings) or any(
+            getattr(one, what) and getattr(other, what) for what in ('offsets', 'given')) or any(
             a.offsets and b.encoders for a, b in (readings, readings[::-1])):
         return None
     order = list(_MISTAKES)
     return Reading(*(tuple(sorted((*getattr(one, pair), *getattr(other, pair)), key=order.index))
-                     for pair in ('catalogue', 'encoders')), one.offsets or other.offsets)
+                     for pair in ('catalogue', 'encoders')), one.offsets or other.offsets,
+                   given=one.given or other.given)
 
 
 def single_readings(held=False, mount=ALTAZ, lst=False):
@@ -290,7 +317,8 @@ def single_readings(held=False, mount=ALTAZ, lst=False):
     list of Reading
     """
     if held:
-        return [Reading((name,)) for name in _OF_PAIRS]
+        return [*(Reading(given=name) for name in _GIVEN),
+                *(Reading((name,)) for name in _OF_PAIRS)]
     pairs = (*_OF_PAIRS, *(['ascension'] if lst and mount.celestial else []))
     out = [Reading(*pair) for name in pairs
            for pair in (((name,), ()), ((), (name,)), ((name,), (name,)))]

@@ -55,6 +55,8 @@ _ROUNDING = 1e-6 * ARCSEC
 _BY_CHANCE, _AT_MOST = 1e-3, 3.0
 #: kinds that say where to look first
 PATTERNS = (*MOVES, _JUMP, _ALIKE, _TOGETHER, *GEARS)
+#: the same of a fit, which looks for no effect that may do what a reading of the columns does
+OF_A_FIT = ('better reading', *PATTERNS)
 #: times that the RMS must fall by zeros that jump once (where they drift evenly it falls to a half:
 #: 0 of 2250 runs of white noise, walks, drifts and heavy tails); rows on either side, at least, and
 #: degrees of freedom
@@ -140,8 +142,8 @@ class ResidualRows(NamedTuple):
 
 
 def patterns_first(findings):
-    """Findings, those of `PATTERNS` before the others."""
-    return sorted(findings, key=lambda one: getattr(one, 'kind', '') not in PATTERNS)
+    """Findings, those of `OF_A_FIT` before the others."""
+    return sorted(findings, key=lambda one: getattr(one, 'kind', '') not in OF_A_FIT)
 
 
 def visit_findings(rows, visits):

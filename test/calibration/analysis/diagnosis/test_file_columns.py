@@ -24,7 +24,8 @@ from places import CASES
 from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
-from pointing_model.mounts import ALTAZ, Mount, through_pole
+from pointing_model.mounts import ALTAZ, Mount, is_beyond, through_pole
+from pointing_model.runs.plate_solves.frames import OF_DATE, to_icrs
 from pointing_model.sky.places import observed_to_icrs, sidereal_time
 from pointing_model.sky.refraction import Weather
 from pointing_model.sky.site import Site
@@ -114,10 +115,10 @@ ELSEWHERE = {
     'exchanged': (0.0, Site(64.3 * DEG, 34.3 * DEG, 500.0), 'latitude and longitude exchanged')}
 
 
-def of_stars(path, kind, hours=0.0, site=SITE, n=40, ascension=False, seed=4):
+def of_stars(path, kind, hours=0.0, site=SITE, n=40, ascension=False, seed=4, frame='of date'):
     """A file with right ascensions, of `TERMS`; written with another clock or site.
 
-    `ascension`: with that of the mount in place of its hour angle.
+    `ascension`: with that of the mount in place of its hour angle, in a frame.
     """
     rng = np.random.default_rng(seed)
     mount = ALTAZ if kind == 'altaz' else Mount.equatorial(SITE.latitude, kind)
@@ -137,6 +138,8 @@ def of_stars(path, kind, hours=0.0, site=SITE, n=40, ascension=False, seed=4):
             f'time,ra_deg,dec_deg,{"ra" if ascension else first}_enc_deg,{second}_enc_deg']
     if ascension:
         a = np.mod([sidereal_time(t, SITE) for t in moment] - a, 2.0 * np.pi)
+        if frame == 'J2000':
+            a, e = to_icrs(a, e, OF_DATE, moment)
     stamps = np.datetime_as_string(((moment + 3600.0 * hours) * 1e3).astype('datetime64[ms]'))
     rows += [f'{t},{w:.7f},{x:.7f},{y:.7f},{z:.7f}' for t, w, x, y, z in zip(
         stamps, *(v / DEG for v in (ra, dec, a, e)))]
@@ -161,6 +164,46 @@ def test_a_clock_that_right_ascensions_of_the_mount_were_turned_by_is_named(tmp_
     of_stars(path, 'german', 8.0, ascension=True)
     with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'):
         check_columns(load_run(path))
+
+
+def test_a_frame_of_right_ascensions_of_the_mount_is_named(tmp_path):
+    path = of_stars(tmp_path / 'run.csv', 'equatorial', ascension=True, frame='J2000')
+    with pytest.raises(ValueError, match=r'the file says ICRS, .* readings as J2000 leave 1\.\d '
+                       'arcsec.* Nothing was concluded; declare "# readings: J2000"'):
+        load_run(path)
+    for frame in ('J2000', 'of date'):
+        of_stars(path, 'equatorial', ascension=True, frame=frame)
+        path.write_text('# readings: J2000\n' + path.read_text())
+        if frame == 'J2000':
+            assert check_columns(load_run(path)).findings == []
+    with pytest.raises(ValueError, match='declare "# readings: of date"'):
+        load_run(path)
+
+
+def test_an_equinox_that_contradicts_the_rows_of_a_csv_is_named(tmp_path):
+    path = of_stars(tmp_path / 'run.csv', 'equatorial')
+    with pytest.raises(ValueError, match='--equinox date says of date, .* give --equinox j2000'):
+        load_run(path, equinox='date')
+
+
+@pytest.mark.parametrize('kind', ['german', 'equatorial'])
+def test_offsets_without_the_cosine_of_the_declination_are_named(tmp_path, kind):
+    path, out = written(tmp_path / 'run.csv', kind), tmp_path / 'offsets.csv'
+    run = load_run(path)
+    beyond, sign = is_beyond(run['el']), np.where(is_beyond(run['el']), -1.0, 1.0)
+    h, d = through_pole(run['az'], run['el'], beyond)
+    x, y = (sign * v / ARCSEC for v in run.offsets())
+
+    def offsets(x):
+        out.write_text('\n'.join([
+            *path.read_text().splitlines()[:2], 'ha_deg,dec_deg,x_arcsec,y_arcsec,pier_side', *(
+                f'{a:.7f},{b:.7f},{c:.3f},{e:.3f},{"west" if s else "east"}'
+                for a, b, c, e, s in zip(h / DEG, d / DEG, x, y, beyond))]) + '\n')
+        return checked(out)
+    assert offsets(x).findings == []
+    with pytest.raises(MistakenColumns, match=r'fit: column x_arcsec not multiplied by '
+                       r'cos\(declination\) \(1\.\d arcsec\)'):
+        offsets(x / np.cos(d))
 
 
 def test_the_sign_of_the_latitude_is_named_where_hour_angles_are_given(tmp_path):

@@ -22,6 +22,8 @@ from places import ROOT
 
 from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
+from calibration.analysis.run_fit import fit_run
+from calibration.report.diagnosis_view import view_of
 from calibration.report.row_wording import signs_sentences
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -207,6 +209,46 @@ def test_offsets_that_the_file_gives_are_held_where_the_places_are_wrong():
     # an encoder off its centre and a second flexure would do the same
     note = wording(*check_columns(run(az, np.pi / 2 - el)).findings)
     assert 'zenith distance in place of the elevation of the catalogue' in note
+
+
+def held(columns, work=lambda x, y, c: (x, y)):
+    """A run whose file gives offsets on the sky, as `work` writes them."""
+    az, el, az_enc, el_enc = columns
+    x, y = work(wrap(az_enc - az) * np.cos(el), el_enc - el, np.cos(el))
+    return PointingRun({'az': az, 'el': el, 'az_enc': az + x / np.cos(el), 'el_enc': el + y},
+                       {'raw_reading': False})
+
+
+def test_offsets_that_are_not_what_they_are_named_are_told():
+    columns = TELESCOPES['squared']()
+    assert check_columns(held(columns)).findings == []
+    for said, work in {
+            r'column x_arcsec not multiplied by cos\(elevation\)': lambda x, y, c: (x / c, y),
+            r'column x_arcsec multiplied twice by cos\(elevation\)': lambda x, y, c: (x * c, y),
+            'columns x_arcsec and y_arcsec exchanged': lambda x, y, _: (y, x),
+            'columns x_arcsec and y_arcsec exchanged, one of them with the other sign':
+            lambda x, y, _: (-y, x)}.items():
+        with pytest.raises(MistakenColumns, match=rf'fit: {said} \(1\.\d arcsec\)'):
+            check_columns(held(columns, work))
+
+
+@pytest.mark.usefixtures('short_diagnosis')
+def test_a_reading_that_fits_as_well_as_the_effects_stands_first():
+    columns = telescope(3, 60, {'IA': 120, 'IE': -40, 'CA': 15, 'NPAE': -8, 'AN': 20, 'AW': 12,
+                                'TF': 25}, noise=0.5)
+    said = 'column x_arcsec or y_arcsec with the other sign'
+    for work in (lambda x, y, _: (-x, y), lambda x, y, _: (x, -y)):
+        run = held(columns, work)
+        found, = check_columns(run).findings
+        assert said in found.causes and found.after < 1.0 < found.before
+        result = diagnose(run)
+        assert result.verdict == 'ambiguous' and result.cautions == [found]
+        view = view_of(result)
+        assert said in view.summary.cautions[0] and 'would fit to 0.' in view.summary.cautions[0]
+        assert view.summary.effects[0].check == 'the columns of the file'
+        assert said in view.summary.effects[0].causes
+        assert not view.summary.todo
+        assert wording(fit_run(run).findings[0]) == wording(found)
 
 
 def test_right_columns_pass():
