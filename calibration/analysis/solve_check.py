@@ -258,7 +258,7 @@ def _check_frame(run, solved):
             f'{where}: ' + (f'--equinox {option} says' if option else 'the file says'
                             if solved.declared else 'no frame is declared; taken are')
             + f' {taken.what}, where the seven terms {left}; '
-            + ', '.join(f'{"readings" * fit.of_readings or "places"} as {fit.what} leave '
+            + ', '.join(f'as {fit.what} the {"readings" if fit.of_readings else "places"} leave '
                         f'{fit.rms_arcsec:.1f} arcsec' for fit in near)
             + f'. Nothing was concluded; {_advice(run, near)} if so it is')
     if not solved.declared:
