@@ -53,6 +53,11 @@ def effective_runs(label):
     return float(counts.sum()**2 / np.square(counts).sum())
 
 
+def leaves_runs(problem):
+    """Whether whole runs of a `SelectionProblem` are left out: from `RUNS` on."""
+    return not problem.by_rows and effective_runs(problem.sequence.run) >= RUNS
+
+
 def predicted(problem, part, chosen, noise, test):
     """Residuals of `test` rows by a fit to a part of the rows.
 
@@ -183,7 +188,7 @@ def partitions_of(problem, count, rng):
     sequence = problem.sequence
     if problem.n > LONG:
         count = min(count, FEW_FOLDS)
-    if effective_runs(sequence.run) >= RUNS:
+    if leaves_runs(problem):
         return [random_folds(sequence.run, count, rng)]
     # neighbours in time (or in the order of the rows) may share their error
     return [random_folds(sequence.group, count, rng),

@@ -339,19 +339,18 @@ class PeriodBank(CandidateBank):
         """
         rate, best = self.tuned_rate(fit, g, float(self.rate[g]))
         scan, found = self.line[g], (g, rate)
-        of_scan = np.flatnonzero(self.line[:self.count] == scan)
         low, high = self.scans[scan].rates[[0, -1]]
         for longer in _LONGER:
             base = rate / longer
             if not 0.5 * low <= base <= high:
                 continue
-            near = of_scan[int(np.argmin(np.abs(self.scans[scan].rates - base)))]
+            near = self.nearest(scan, base)
             for shape, orders in enumerate(SHAPES):
                 # of a longer period what was seen is its highest order, or before it
                 if max(orders) < longer or (longer == 1 and shape == 0) or not self.scans[
                         scan].seen(base * np.array(orders)).all():
                     continue
-                group = shape * self.count + int(near)
+                group = shape * self.count + near
                 own, gain = self.tuned_rate(fit, group, base)
                 if gain > best + SET_WIDTH:
                     found, best = (group, own), gain
@@ -433,6 +432,10 @@ class PeriodBank(CandidateBank):
                 if gain > least:
                     out.append(tuned)
         return np.array(out)
+
+    def nearest(self, scan, rate):
+        """Group of the first shape of a scan that was offered nearest to a rate."""
+        return int(self._first_of(scan)[np.argmin(np.abs(self.scans[scan].rates - rate))])
 
     def _first_of(self, scan):
         """Groups of the first shape of a scan."""

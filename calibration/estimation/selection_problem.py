@@ -56,6 +56,8 @@ class SelectionProblem:
         That a search begins with: what these rows are trusted for.
     periods : PeriodBank
         Waves of unknown period.
+    by_rows : bool
+        Whether rows are left out of each of many runs, where otherwise whole runs are.
     """
 
     base: GroupColumns
@@ -68,6 +70,7 @@ class SelectionProblem:
     trusted: np.ndarray | None = None
     first: tuple = ()
     periods: PeriodBank = field(default_factory=lambda: PeriodBank([]))
+    by_rows: bool = False
     _memories: dict = field(default_factory=dict, repr=False)
     _fits: dict = field(default_factory=dict, repr=False)
 
@@ -97,7 +100,7 @@ class SelectionProblem:
                                 None if self.sequence is None else self.sequence.rows(rows),
                                 None if self.variants is None else self.variants.rows(rows),
                                 None if self.trusted is None else self.trusted[rows], self.first,
-                                self.periods.rows(rows), ChainMap({}, self._memories))
+                                self.periods.rows(rows), self.by_rows, ChainMap({}, self._memories))
 
     def part(self, rows):
         """The problem of some rows, to be searched anew: no place is known from all of them.

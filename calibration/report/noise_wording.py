@@ -14,8 +14,10 @@
 
 """Words for what is left: noise that remembers, and how it scatters along the sky and by axis."""
 
+from pathlib import PurePath
+
 from calibration.analysis.diagnosis.residual_correlation import FEWEST
-from pointing_model.effects.base import arcsec, the
+from pointing_model.effects.base import arcsec, readable, the
 from pointing_model.mount_kinds import kind_of
 
 #: times as much one axis scatters, from where that is the headline
@@ -172,6 +174,19 @@ def axes_words(document):
     sizes = [arcsec(size) for size in found['sigma_arcsec']]
     return (f'the {axes[more]} scatters {found["times"]:.1f} times as much as the '
             f'{axes[1 - more]}, {sizes[more]} against {sizes[1 - more]} on the sky')
+
+
+def unexplained(document):
+    """That no effect explains what `axes_words` tell, or what single runs show; a clause."""
+    alone = document['unequal_axes'].get('runs_alone')
+    if not alone:
+        return 'no effect explains that'
+    runs = {}
+    for one in alone:
+        runs.setdefault(one['effect'], []).append(PurePath(str(one['run'])).name)
+    return 'no effect of all runs explains that, but alone ' + '; '.join(
+        f'{", ".join(names)} show{"s" * (len(names) == 1)} {readable(effect)}'
+        for effect, names in runs.items())
 
 
 def is_headline(document):

@@ -15,9 +15,10 @@
 """Words for periodic errors: what gear has such a period, and how long its phase lasts."""
 
 from calibration.analysis.diagnosis.period_scans import FEWEST, MOST
+from pointing_model.effects.base import arcsec
 from pointing_model.effects.gears import strain_wave
 
-_MOST_ALIASES = 4  # that are named
+_MOST_ALIASES, _MOST_TEETH = 4, 6  # that are named
 #: how long a model with it is good
 PHASE = ('The phase of the periodic error lasts only with a home position, an index or an absolute '
          'encoder. Otherwise each power-on has its own: measure it anew.')
@@ -88,9 +89,13 @@ def _aliases(found):
 
 
 def _fast(found):
-    teeth = listed(sorted(found['teeth'][:_MOST_ALIASES])).replace(' and ', ' or ')
-    return (f'A worm or gear of the {found["axis"]} with about {teeth} teeth fits as well: the '
-            f'stars stand at even steps of {found.size:.3g}°. Observe at uneven steps')
+    teeth = listed(sorted(found['teeth'])[:_MOST_TEETH]).replace(' and ', ' or ')
+    others = ', among others,' * (len(found['teeth']) > _MOST_TEETH)
+    steps = f'even steps of {found.size:.3g}°' if found.size else 'nearly even steps'
+    sizes = found.evidence.get('sizes')
+    hangs = '; the size hangs on which, ' + ' to '.join(map(arcsec, sizes)) if sizes else ''
+    return (f'A worm or gear of the {found["axis"]} with about {teeth} teeth{others} fits as well'
+            f'{hangs}: the stars stand at {steps}. Observe at uneven steps')
 
 
 def _nothing(found):

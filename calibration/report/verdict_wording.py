@@ -33,6 +33,7 @@ from .noise_wording import (
     explanation,
     is_headline,
     scatter_sentence,
+    unexplained,
 )
 from .observation_wording import next_sentence
 from .raw_error_wording import raw_error_sentence
@@ -100,7 +101,7 @@ def short_headline(document, effects):
     text = HEADLINES.get(document['verdict'])
     if document['verdict'] == 'none' and is_headline(document):
         words = axes_words(document)
-        return f'{words[:1].upper()}{words[1:]}. No effect explains that.'
+        return f'{words[:1].upper()}{words[1:]}. N{unexplained(document)[1:]}.'
     if text:
         like = explanation((document.get('wander') or {}).get('explained_by', ())) \
             if document['verdict'] == 'wanders' else ''
@@ -207,7 +208,7 @@ def _nothing(document, caution, odd, last):
         headline += f': {arcsec(before)} remain, {label}'
     if is_headline(document):
         text = axes_words(document)
-        headline = f'{text[:1].upper()}{text[1:]}; no effect explains it'
+        headline = f'{text[:1].upper()}{text[1:]}; {unexplained(document)}'
     if odd:
         headline += '. But check ' + ' and '.join(
             f'{row["name"]}, which is {"negative" if row["what"] == "sign" else "too large"}'

@@ -430,10 +430,11 @@ def readable(name):
         name = name.replace('_cosE', f', × cos {_LETTERS[axis]}')
     name = re.sub(r'subdivision_(grating|bars)_(\d+)', lambda found: f'subdivision, {found[2]} per '
                   f'{"line" if found[1] == "grating" else "bar"}', name)
-    name = re.sub(r'(periodic_error|tape)_([\d.]+)(_time)?(_orders_\d)?', lambda found: (
+    name = re.sub(r'(periodic_error|tape)_([\d.]+)(_time)?(_orders_\d)?(_per_run)?', lambda found: (
         found[1] + (f' in time, {found[2]} per sidereal day' if found[3] else
                     f', {found[2]} {"lines " * (found[1] == "tape")}per turn')
-        + (', with harmonics' if found[4] else '')), name)
+        + (', with harmonics' if found[4] else '')
+        + (', another phase in each run' if found[5] else '')), name)
     column = re.fullmatch(r'(.+)_(az|el)(_angle)?', name)
     if column and not curve:  # what follows a column of the file
         driver, axis, angle = column.groups()

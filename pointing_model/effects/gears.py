@@ -23,6 +23,7 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.sky.places import SIDEREAL
 
 from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, on_axis
+from .drifts import several_runs
 from .graduation import BY_COLUMN, is_gear
 
 _TURN = 2.0 * np.pi
@@ -120,11 +121,11 @@ def period_words(turns, names, axis, clock=False):
 
 @form
 def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False, lines=False,
-              tape=None, mount=USUAL):
+              tape=None, runs=(), mount=USUAL):
     """Waves of an axis, so many in a turn of it (or of the sky: ``of='time'`` from `origin`, s).
 
     ``of``: 'reading' of the encoder, 'angle' of the axis, or 'time'; ``lines``: declared as those
-    of an encoder; ``tape``: declared lines of an encoder's tape.
+    of an encoder; ``tape``: declared lines of an encoder's tape; ``runs``: each has its own phase.
     """
     names, word, key = KINDS[mount], KINDS[mount].word(axis), KINDS[mount].key(axis)
     clock = of == 'time'
@@ -133,10 +134,12 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
 
     def columns(c):
         phase = turns * driver_angle(c, axis, of, origin)
-        return [on_axis(axis, f(k * phase), c.trig.cos_el) for k in orders
-                for f in (np.cos, np.sin)]
+        waves = [f(k * phase) for k in orders for f in (np.cos, np.sin)]
+        parts = [1.0 * (c.get('run') == run) for run in runs] or [1.0]
+        return [on_axis(axis, part * wave, c.trig.cos_el) for part in parts for wave in waves]
 
-    period = period_words(turns, names, axis, clock)
+    period = period_words(turns, names, axis, clock) + ', with another phase in each run' * bool(
+        runs)
     place, wheel = _TURN / turns, _wheel(turns)
 
     def against(c):
@@ -145,7 +148,8 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
                 None if angle is None else np.mod(angle, place) / place)
 
     def wording(amount):
-        size = f'{arcsec(peak_to_peak(amount.values, orders))} peak to peak'
+        each = amount.values.reshape(max(len(runs), 1), -1)
+        size = ', '.join(arcsec(peak_to_peak(own, orders)) for own in each) + ' peak to peak'
         if tape:
             return (f'The {word} encoder divides each line of its tape unevenly, {size}; '
                     f'the tape has {turns:.7g} lines a turn')
@@ -156,10 +160,11 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
              + ' in time' * clock)
     # source: worms: gear of so many teeth, one period a tooth; tapes: as a grating
     return Effect(f'{key}_{"tape" if tape else "periodic_error"}_{turns:.6g}' + '_time' * clock
-                  + ('' if orders == (1,) else f'_orders_{len(orders)}'),
+                  + ('' if orders == (1,) else f'_orders_{len(orders)}') + '_per_run' * bool(runs),
                   cause, f'cos, sin of {turns:.6g} k {driver_word(driver)}, k = '
                   + ', '.join(map(str, orders)), driver, axis,
-                  tuple(f'{f}{k}' for k in orders for f in ('cos', 'sin')), columns, wording,
+                  tuple(f'{f}{k}{run}' for run in [f' run {r:g}' for r in runs] or ['']
+                        for k in orders for f in ('cos', 'sin')), columns, wording,
                   'height of the reading head over the tape, and its joint' if tape else
                   'what comes back so often: a drive that runs with the clock, a heater, a pump'
                   if clock else
@@ -168,7 +173,7 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
                   f'tape of the {word} encoder' if tape else
                   f'something that comes back {period} in {word}' if clock else
                   f'{wheel} of {word}, {period}',
-                  requires=() if of == 'angle' else (driver,), figure=against,
+                  requires=(driver,) * (of != 'angle') + ('run',) * bool(runs), figure=against,
                   scan=None if declared else f'{"tape" if tape else "period"}_{of}_{axis}',
                   share='dictionary' if declared else 'periods')
 
@@ -193,7 +198,18 @@ def propose(context, lacking, own):
     few = {axis: kinds['grating'] for axis, kinds in context.graduation.items()
            if is_gear('grating', kinds.get('grating'))}
     for axis, turns in {**few, **context.worms}.items():
-        of = 'reading' if context.get(f'reading_{axis}') is not None else 'angle'
+        lines, several = axis in few, several_runs(context)
         yield Offer('periodic', [
-            effect('periodic', axis=axis, turns=turns, orders=orders, of=of, declared=True,
-                   lines=axis in few) for orders in ((1,), (1, 2))], axis=axis)
+            *worm_waves(context, axis, turns, lines=lines),
+            # without an index an encoder counts from elsewhere after each power-on
+            *(worm_waves(context, axis, turns, several) if several and not lines else [])],
+            axis=axis)
+
+
+def worm_waves(context, axis, turns, runs=(), lines=False):
+    """Waves of a worm with so many teeth, with and without harmonics; `runs` and `lines` as of
+    their form.
+    """
+    of = 'reading' if context.get(f'reading_{axis}') is not None else 'angle'
+    return [effect('periodic', axis=axis, turns=turns, orders=orders, of=of, declared=True,
+                   lines=lines, runs=runs) for orders in ((1,), (1, 2))]

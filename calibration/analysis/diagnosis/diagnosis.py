@@ -38,7 +38,7 @@ from .mistaken_columns import check_columns
 from .next_observations import propose
 from .observations import mount_of, observations
 from .page_figures import add_page_figures
-from .period_scans import gear_findings, period_findings, settle_periods
+from .period_scans import add_aliases, gear_findings, period_findings, settle_periods
 from .prediction import better_prediction
 from .residual_correlation import correlation_entry, residual_correlation
 from .residual_patterns import (
@@ -50,6 +50,7 @@ from .residual_patterns import (
 )
 from .row_counts import count_rows, repeats, worst_rows
 from .run_problem import RunProblem
+from .runs_alone import ask_runs
 from .scatter import unequal_axes, unequal_scatter
 from .sessions import arrange, median_findings, split_runs, with_zeros_of_terms
 from .validation import add_errors, cross_validated
@@ -142,6 +143,11 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     folds = folds if cross_validation else 0
     parts = partitions_of(run.problem, folds, rng) if folds else ()
     choice = choose_effects(run, alpha, chance, parts, first_answer)
+    shown, offered = ask_runs(run, choice, alpha, flips, rng)
+    if offered:
+        chance = Chance(run.problem.n, flips, rng, group=run.problem.sequence.group)
+        parts = partitions_of(run.problem, folds, rng) if folds else ()
+        choice = choose_effects(run, alpha, chance, parts, first_answer)
     problem = run.problem
     left = residual_correlation(run, choice, alpha)
     errors = cross_validated(
@@ -151,7 +157,9 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
         keep_repeated(problem, choice, errors.cut, alpha, chance, parts)
         left = residual_correlation(run, choice, alpha)
     refine_scans(run, choice)
-    periods = period_findings(problem, choice, settle_periods(problem, choice))
+    settled = settle_periods(problem, choice)
+    add_aliases(problem, choice)
+    periods = period_findings(problem, choice, settled)
 
     fits = exact_fits(run, choice, left)
     models = exact_models(run, choice, fits, left)
@@ -164,7 +172,7 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     gathered = cluster_findings(rows)
     result.notes += [*median_findings(run, result.model), *history_findings(run, choice),
                      *repeats(rows), *periods,
-                     *gear_findings(run, choice, [one.fitted for one in found]), *again, *gathered]
+                     *gear_findings(run, choice, found), *again, *gathered]
     if left is not None:
         result.add_correlation(
             correlation_entry(left, run, choice.chosen, result.residual_after))
@@ -186,6 +194,8 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     add_page_figures(result)
     result.worst_rows, result.unequal_scatter = worst_rows(result), unequal_scatter(result)
     result.unequal_axes = unequal_axes(result)
+    if shown and not effects and result.unequal_axes:
+        result.unequal_axes['runs_alone'] = shown
     result.columns_alike = checked.alike
     if run.obs.whole:
         result.notes.append(Finding('rows searched', len(run.obs), unit='rows',

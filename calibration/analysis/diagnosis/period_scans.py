@@ -24,6 +24,7 @@ from pointing_model.effects.base import AXES, for_mount, on_axis
 from pointing_model.effects.gears import (
     TAPE_MARGIN,
     driver_angle,
+    peak_to_peak,
     strain_wave,
 )
 from pointing_model.sky.places import SIDEREAL
@@ -106,21 +107,39 @@ def settle_periods(problem, choice):
     dict of int to (float, float, bool)
         Place in the choice -> the best rate, its standard error, whether it is a whole number.
     """
-    out = {}
-    for i, one in enumerate(choice.chosen):
+    return {i: _settled(problem, problem.plain.fit(choice.chosen, without=i), one.group)
+            for i, one in enumerate(choice.chosen) if one.period}
+
+
+def _settled(problem, fit, group):
+    """One entry of `settle_periods`, beside a fit without it."""
+    bank = problem.periods
+    scan, orders = bank.scans[bank.line[group]], SHAPES[group // bank.count]
+    rate, _ = bank.tuned_rate(fit, group, float(bank.rate[group]))
+    error = rate_error(fit, scan, rate, orders)
+    p = scan.effect(rate, orders).parameters
+    whole = p['of'] != 'time' and not p['tape'] and error < _SURE \
+        and abs(rate - round(rate)) < _WHOLE * error
+    problem.tune(group, float(round(rate)) if whole else rate)
+    return rate, error, whole
+
+
+def add_aliases(problem, choice):
+    """Make periods of the same angle that fit as well, as at even steps, causes of those found."""
+    bank = problem.periods
+    for i, (one, stand) in enumerate(zip(choice.chosen, choice.significances)):
         if not one.period:
             continue
-        bank, group = problem.periods, one.group
         fit = problem.plain.fit(choice.chosen, without=i)
-        scan, orders = bank.scans[bank.line[group]], SHAPES[group // bank.count]
-        rate, _ = bank.tuned_rate(fit, group, float(bank.rate[group]))
-        error = rate_error(fit, scan, rate, orders)
-        e = scan.effect(rate, orders)
-        whole = e.parameters['of'] != 'time' and not e.parameters['tape'] and error < _SURE \
-            and abs(rate - round(rate)) < _WHOLE * error
-        problem.tune(group, float(round(rate)) if whole else rate)
-        out[i] = rate, error, whole
-    return out
+        orders = one.group // bank.count * bank.count
+        least = bank.score(fit, [one.group]).delta_bic[one.group] - SET_WIDTH
+        for rate in bank.aliases(fit, one.group, SET_WIDTH):
+            group = orders + bank.nearest(bank.line[one.group], rate)
+            gain = bank.tuned_rate(fit, group, rate)[1]
+            if gain > least:
+                _settled(problem, fit, group)
+                stand.every[group] = gain
+                stand.equals.append(group)
 
 
 def period_findings(problem, choice, settled):
@@ -128,17 +147,21 @@ def period_findings(problem, choice, settled):
     return [_finding(problem, choice, i, *each) for i, each in settled.items()]
 
 
+def _aliases(problem, choice, i):
+    """Periods a turn of the causes of `add_aliases` of one of a choice, best first."""
+    bank, line = problem.periods, problem.periods.line
+    return [float(bank.rate[k]) for k in choice.significances[i].equals
+            if line[k] == line[choice.chosen[i].group]]
+
+
 def _finding(problem, choice, i, rate, error, whole):
-    one = choice.chosen[i]
-    e = one.effect(problem)
+    e = choice.chosen[i].effect(problem)
     p = e.parameters
-    aliases = problem.periods.aliases(problem.plain.fit(choice.chosen, without=i), one.group,
-                                      SET_WIDTH)
     return Finding('period', float(p['turns']), float(error), 'per turn', (e.name,), evidence={
         'axis': p['axis'], 'of': p['of'], 'orders': list(p['orders']), 'whole': bool(whole),
         'tape': p['tape'], 'searched': float(rate),
         'strain_wave': [] if p['of'] == 'time' or p['tape'] else strain_wave(p['turns']),
-        'aliases': [float(a) for a in aliases]})
+        'aliases': _aliases(problem, choice, i)})
 
 
 def gear_findings(run, choice, effects):
@@ -148,14 +171,15 @@ def gear_findings(run, choice, effects):
     ----------
     run : RunProblem
     choice : ModelChoice
-    effects : list of FittedEffect
+    effects : list of DiagnosedEffect
         What was found.
 
     Returns
     -------
     list of Finding
     """
-    return [*_fast_as_well(run, choice), *_declared(run.obs.context, effects)]
+    return [*_fast_as_well(run, choice), *_other_periods(run, choice, effects),
+            *_declared(run.obs.context, [one.fitted for one in effects])]
 
 
 def _fast_as_well(run, choice):
@@ -171,16 +195,36 @@ def _fast_as_well(run, choice):
                 continue
             fit = problem.plain.fit(choice.chosen, without=i)
             own = float(found.bank(problem).score(fit, [found.group]).delta_bic[found.group])
+            e = found.effect(problem)
             # whoever knows the gear has searched nothing
             least = own - SET_WIDTH - np.log(problem.n)
-            rates = bank.as_good(fit, scan, least, least - 0.1 * own) if own > 0.0 else ()
+            rates = bank.as_good(fit, scan, least, least - 0.1 * own, [e.parameters['turns']]
+                                 if e.form == 'periodic' else ()) if own > 0.0 else ()
             if len(rates):
-                causes.append(found.effect(problem).name)
+                causes.append(e.name)
                 teeth += [round(float(rate)) for rate in rates]
         if causes:
             out.append(Finding(FAST, float(np.degrees(step)), unit='deg', causes=tuple(causes),
                                evidence={'axis': names.word(p['axis']),
                                          'teeth': list(dict.fromkeys(teeth))}))
+    return out
+
+
+def _other_periods(run, choice, effects):
+    """At even steps a wave may have other periods, and another size with each: of each found."""
+    out = []
+    for i, (one, found) in enumerate(zip(choice.chosen, effects)):
+        p = found.fitted.effect.parameters
+        teeth = _aliases(run.problem, choice, i) if one.period and p['of'] != 'time' else ()
+        if not len(teeth) or p['tape']:
+            continue
+        step = run.problem.periods.scans[run.problem.periods.line[one.group]].even_step()
+        sizes = [peak_to_peak([of['value_arcsec'] for of in cause['fitted']['coefficients']],
+                              p['orders']) for cause in found.causes if cause['fitted']]
+        out.append(Finding(FAST, float(np.degrees(step)) if step else None, unit='deg',
+                           causes=(found.fitted.effect.name,), evidence={
+            'axis': run.obs.context.mount.names.word(p['axis']),
+            'teeth': [round(rate) for rate in teeth], 'sizes': [min(sizes), max(sizes)]}))
     return out
 
 
@@ -196,6 +240,8 @@ def _declared(context, effects):
             out.append(Finding(NOTHING, float(teeth), unit='per turn', evidence={
                 'axis': word, 'turns': [one.effect.parameters['turns'] for one in waves]}))
         for one in own:
+            if one.effect.parameters['runs']:
+                continue
             size, error = (np.hypot(*of.reshape(-1, 2).T) / ARCSEC
                            for of in (one.coefficients, one.sigma))
             if len(size) > 1 and size[0] < _SIGMAS * error[0] < size[1]:

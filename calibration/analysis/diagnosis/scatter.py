@@ -85,10 +85,16 @@ def unequal_axes(diagnosis):
         robust) and ``law`` of x, where x scatters more: ``cosine``, ``even``, or None where these
         rows do not tell. None where the axes scatter alike, or the rows are too few.
     """
-    rows = np.flatnonzero(diagnosis.weights > 0.0)
+    return axes_scatter(diagnosis.residual_after, diagnosis.weights > 0.0,
+                        diagnosis.observations.context)
+
+
+def axes_scatter(residual, keep, context):
+    """`unequal_axes` of residuals, radians, shape (2, n), in rows to `keep`."""
+    rows = np.flatnonzero(keep)
     if len(rows) < _FEWEST:
         return None
-    left, context = diagnosis.residual_after[:, rows], diagnosis.observations.context
+    left = residual[:, rows]
     time = context.get('time')
     order = None if time is None or not np.isfinite(time).all() else np.argsort(
         time[rows], kind='stable')

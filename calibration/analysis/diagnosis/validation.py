@@ -29,9 +29,8 @@ import numpy as np
 from calibration.estimation.chance import NESTED_FLIPS, Chance
 from calibration.estimation.folds import (
     FEW_FOLDS,
-    RUNS,
     cross_validate,
-    effective_runs,
+    leaves_runs,
     partitions_of,
     predicted,
 )
@@ -165,14 +164,14 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
         folds = _folds_of_rows(problem, count, rng)
         only = _only(problem, folds)
         expected = len(folds) * (1 if only else max(least, len(parts) + 1)) + count * (
-            effective_runs(problem.sequence.run) < RUNS)
+            not leaves_runs(problem))
         parts.append(errors_of(folds))
         if only:
             break
     before = _mean([one for one, _ in parts])
     by_count = [_figure(before, [_first(squares, k) for _, squares in parts], keep)
                 for k in range(max(len(squares) for _, squares in parts))]
-    if effective_runs(problem.sequence.run) >= RUNS:
+    if leaves_runs(problem):
         out = _by_runs(by_count, keep, len(chosen), words)
     else:
         stretches = errors_of(partitions_of(problem, count, rng)[1])
@@ -185,7 +184,7 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
 def _folds_of_rows(problem, count, rng):
     """Rows left out at random, each alone where they are few; whole runs from 4 runs on."""
     groups = len(np.unique(problem.sequence.group))
-    if effective_runs(problem.sequence.run) < RUNS and groups <= _LEAST_ROWS * count:
+    if not leaves_runs(problem) and groups <= _LEAST_ROWS * count:
         count = groups
     return partitions_of(problem, count, rng)[0]
 

@@ -21,9 +21,11 @@ from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.period_scans import ABSENT, FAST, GEARS, NOTHING
 from calibration.report.diagnosis_view import view_of
 from calibration.report.documents import run_diagnosis_document
+from calibration.report.verdict_wording import short_headline
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
+from pointing_model.context import Context
 from pointing_model.mounts import Mount
 from pointing_model.runs.run import PointingRun
 
@@ -31,14 +33,14 @@ MOUNT = Mount.equatorial(40.0 * DEG, 'german')
 TERMS = {'IH': 100 * ARCSEC, 'ID': -60 * ARCSEC, 'CH': 40 * ARCSEC, 'ME': -45 * ARCSEC}
 
 
-def plate_solves(seed=1, n=60, lines=180.0, size=10.7, noise=1.6, **meta):
+def plate_solves(seed=1, n=60, lines=180.0, size=10.7, noise=1.6, phase=1.0, **meta):
     """A run with a wave of the hour angle; arcsec."""
     rng = np.random.default_rng(seed)
     sky = rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.4, 0.98, n))
     h, d = MOUNT.axes_of(*sky, MOUNT.axes_of(*sky)[0] < 0.0)  # half of them through the pole
     az, el = geometry.sky_to_encoder(h, d, TERMS, MOUNT)
     x, y = rng.normal(0.0, noise, (2, n)) * ARCSEC
-    az = az + size * ARCSEC * np.cos(lines * az + 1.0) + x / np.cos(d)
+    az = az + size * ARCSEC * np.cos(lines * az + phase) + x / np.cos(d)
     return PointingRun({'az': h, 'el': d, 'az_enc': az, 'el_enc': el + y,
                         'time': 1.7e9 + 90.0 * np.arange(n)}, {'mount': MOUNT, **meta})
 
@@ -125,3 +127,59 @@ def test_declared_teeth_that_the_wave_has_not_are_said():
     assert wrong['turns'] == pytest.approx([180.0], abs=0.2)
     assert wording(wrong).startswith('Nothing was found at the declared 171 per turn of hour angle')
     assert not said_of_gears(in_hour_angle(h, 180.0, 'ha=180'))
+
+
+def test_periods_that_fit_as_well_at_even_steps_leave_the_cause_open():
+    """Hour angles within 0.02 of a grid of 5 degrees: 36 teeth, 108 or 180."""
+    rng = np.random.default_rng(3)
+    h = (5.0 * rng.integers(-12, 13, 90) + rng.uniform(-0.02, 0.02, 90)) * DEG
+    result = diagnose(in_hour_angle(h, 180.0), cross_validation=False, flips=999, seed=1)
+    one, = result.effects
+    names = {one.fitted.effect.name, *one.alternatives}
+    assert result.verdict == 'ambiguous' and 'hour_angle_periodic_error_180' in names
+    assert len(names) > 2
+    assert len(one.causes) == len(names) and one.to_dict()['alternatives']
+    said, = (note for note in result.notes if getattr(note, 'kind', '') == FAST)
+    assert said['sizes'][1] > said['sizes'][0] + 1.0
+    assert 'or gear of the hour angle with about 108 or 180 ' in wording(said)
+    assert 'the size hangs on which, ' in wording(said)
+
+
+def power_ons(*phases, **meta):
+    """Runs of one worm, of which each has its own phase."""
+    return [plate_solves(seed, 40, phase=phase, **meta) for seed, phase in enumerate(phases)]
+
+
+PER_RUN = 'hour_angle_periodic_error_180_per_run'
+
+
+@pytest.mark.usefixtures('short_diagnosis')
+def test_declared_teeth_may_have_another_phase_in_each_run():
+    result = diagnose(power_ons(0.2, 2.0, 4.1, worms='ha=180'), cross_validation=False, seed=1)
+    one, = result.effects
+    assert one.fitted.effect.name == PER_RUN
+    sizes = np.hypot(*one.fitted.coefficients.reshape(-1, 2).T) / ARCSEC
+    assert sizes == pytest.approx([10.7] * 3, abs=1.5)
+    # of a run that it does not know it says nothing
+    assert not np.any(one.fitted.effect.columns(Context.from_run(plate_solves())))
+    same = diagnose(power_ons(1.0, 1.0, worms='ha=180'), cross_validation=False, seed=1)
+    assert [e.fitted.effect.name for e in same.effects] == [PER_RUN.removesuffix('_per_run')]
+
+
+def test_a_worm_that_one_run_shows_alone_is_offered_to_all():
+    """Of four power-ons: with whole runs left out it had no gain."""
+    result = diagnose(power_ons(0.2, 2.0, 4.1, 5.5), flips=999, folds=4, seed=1)
+    assert [e.fitted.effect.name for e in result.effects] == [PER_RUN]
+    assert result.verdict == 'identified' and not result.cautions
+
+
+def test_what_single_runs_show_is_no_unexplained_scatter():
+    found = {'axis': 'x', 'times': 4.3, 'sigma_arcsec': [7.88, 1.84], 'runs_alone': [
+        {'run': f'night/{name}.csv', 'effect': 'hour_angle_encoder_1', 'delta_bic': 90.0}
+        for name in 'ab']}
+    document = {'mount': 'german', 'verdict': 'none', 'unequal_axes': found}
+    assert short_headline(document, ()).endswith(
+        'No effect of all runs explains that, but alone a.csv, b.csv show hour angle encoder, 1 '
+        'per turn.')
+    del found['runs_alone']
+    assert short_headline(document, ()).endswith('. No effect explains that.')
