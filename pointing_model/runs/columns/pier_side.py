@@ -26,6 +26,8 @@ _FEWEST = 3  # rows that make a rule
 #: about the pole, where a zero of the second axis may put a reading beyond it; zeros are smaller
 _NEAR = 10.0 * DEG
 _ALIKE = 0.9  # mean resultant of differences of first angles that are one zero
+#: a counterweight is well above level so far past the meridian; rows of either kind, at least
+_PAST_MERIDIAN, _EITHER = 30.0 * DEG, 0.2
 _CLEAR = 0.5  # cosine of a turn of the first axis that tells the side
 _COUNTERWEIGHT = (
     'the readings have the counterweight up in every row. If it was down, the hour angles count '
@@ -109,6 +111,14 @@ def through_the_pole(path, table, side, hour_angle):
                          'row is through the pole')
     beyond, sound, east = values == 1.0, known & seen, wrap(hour_angle) < 0.0
     down = beyond == east  # the counterweight hangs below the tube
+    far = np.abs(np.sin(hour_angle)) > np.sin(_PAST_MERIDIAN)
+    up = sound & ~down & far
+    if len(np.unique(values[sound])) == 1 and min(up.sum(), (sound & down & far).sum()) > (
+            _EITHER * sound.sum()):
+        table.meta['notes'].insert(0, (
+            f'pier_side is {side[np.argmax(sound)]} in every row, on both sides of the meridian: '
+            f'in {up.sum()} of {sound.sum()} rows the counterweight would be far above level. '
+            'Where the driver always says so, leave the column out'))
     if not known.all():
         _place_unknown(table, known, sound, beyond, down, hour_angle)
     else:

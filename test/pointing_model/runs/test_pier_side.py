@@ -142,6 +142,12 @@ def test_the_other_convention_is_said(read):
     assert not any('counterweight' in note for note in run.meta['notes'])
 
 
+def test_one_side_in_every_row_on_both_sides_of_the_meridian_is_said(read):
+    run = read(['east'] * 60)
+    assert run.meta['notes'][0].startswith('pier_side is east in every row')
+    assert 'leave the column out' in run.meta['notes'][0]
+
+
 def test_readings_with_the_counterweight_up_in_every_row_are_said(tmp_path):
     rows, beyond = folded()
     path = tmp_path / 'run.csv'
