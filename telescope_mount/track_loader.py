@@ -28,7 +28,7 @@ from pointing_model.runs.track_reader import read_track
 from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.places import icrs_to_observed
 from pointing_model.sky.refraction import Weather, air_at, air_of_rows
-from pointing_model.sky.site import Site
+from pointing_model.sky.site import SITE, Site
 from telescope_mount.night_files import log_of
 
 from .run_loader import load_run
@@ -111,7 +111,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
         notes += part.notes
         parts.append(part)
     runs = [load_run(path, satellites=True) for path in logs]
-    site, height = _site_of(parts, runs, paths[0], site)
+    site = _site_of(parts, runs, paths[0], site)
     frame = next((part.mount for part in parts if part.mount is not None), None)
     frame = runs[0].mount if runs and not parts else parse_mount(
         mount or frame or 'altaz', site.latitude)
@@ -119,15 +119,13 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     for part in parts:
         label = np.array([str(_orbit(orbits, found, one or name)) for one in part.names.tolist()],
                          dtype=object)
-        columns.append(_measured(part, site, height, weather, frame, notes))
+        columns.append(_measured(part, site, weather, frame, notes))
         names.append(label)
     for run in runs:
         columns.append(_star_columns(run, frame))
         names.append(_names_of(run, orbits, found))
     for path in stars:
-        place = {'latitude': site.latitude, 'longitude': site.longitude}
-        run = load_run(path, site=place if height is None else {**place, 'height': height},
-                       mount=mount,
+        run = load_run(path, site=vars(site), mount=mount,
                        **({'weather': weather} if weather else {}))
         if 'star' in run and run['star'].dtype.kind in 'if':
             run = run.select(run['star'] >= 0)
@@ -147,17 +145,19 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
 
 
 def _site_of(parts, runs, path, given):
-    """The site, and its height if that is known, else None."""
+    """The site. Its height, too, must be known: 500 m are 13" of a LAGEOS satellite."""
     known = {}
     for one in (*(part.site for part in parts), *(known_site(run.meta) for run in runs)):
         known |= one
     known |= given or {}
-    missing = [f'--{one}' for one in ('latitude', 'longitude') if one not in known]
+    missing = [key for key, one in SITE.items() if one.field not in known]
     if missing:
-        raise ValueError(f'{path}: the site is not known; give {" and ".join(missing)}, '
-                         'or lines "# latitude_deg: 34.3" before the header')
-    height = known.get('height')
-    return Site(known['latitude'], known['longitude'], height or 0.0), height
+        what = 'the height of the site' if missing == ['height_m'] else 'the site'
+        asked = ' and '.join(f'--{SITE[key].field}' for key in missing)
+        lines = ', '.join(f'"# {key}: ..."' for key in missing)
+        raise ValueError(f'{path}: {what} is not known; give {asked}, or lines {lines} before the '
+                         'header')
+    return Site(**{one.field: known[one.field] for one in SITE.values()})
 
 
 def _names_of(run, orbits, found):
@@ -183,11 +183,11 @@ def _orbit(orbits, found, name):
     return orbit.name
 
 
-def _measured(part, site, height, weather, mount, notes):
+def _measured(part, site, weather, mount, notes):
     """Readings with the satellite centred, or where it was seen by the axes of the mount."""
     cells, out = part.cells, {'time': part.cells['time']}
     try:
-        air, said = air_of_rows(height, cells.get('pressure_hpa'), cells.get('temperature_c'),
+        air, said = air_of_rows(site.height, cells.get('pressure_hpa'), cells.get('temperature_c'),
                                 part.weather, weather)
     except ValueError as error:
         raise ValueError(f'{part.path}: {error}') from None

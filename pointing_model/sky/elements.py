@@ -35,6 +35,8 @@ GPS_26690 = (
     '2 26690  53.1031 214.8630 0147879 241.2580   4.0622  2.00567355 92659',
 )
 
+#: of elements that SGP4 takes: as is usual, SGP, SGP4, SDP4 (4: SGP4-XP)
+TYPES = '0', '1', '2', '3'
 _FIELDS_1 = (('year', 19, 20), ('day', 21, 32), ('drift of the mean motion', 34, 43))
 _FIELDS_2 = (('inclination', 9, 16), ('node', 18, 25), ('eccentricity', 27, 33),
              ('perigee', 35, 42), ('mean anomaly', 44, 51), ('mean motion', 53, 63))
@@ -261,6 +263,9 @@ def _pair(line1, line2, row):
             except ValueError:
                 raise ValueError(f'two-line elements: line {at}, columns {first} to {last} '
                                  f'({what}): {line[first - 1 : last]!r} is no number') from None
+    if line1[62] not in (' ', *TYPES):
+        raise ValueError(f'two-line elements: line {row}, column 63: elements of type {line1[62]}, '
+                         'another theory than SGP4 (type 0); give such, or a precise orbit')
     satellite = Satellite(line1, line2)
     error = satellite.record.error
     if error or not satellite.record.no_kozai > 0.0:

@@ -60,7 +60,7 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
     dark : bool
         Only while the Sun is 12 degrees below the horizon and shines on the satellite.
     step : float
-        Seconds; a pass shorter than that may be missed.
+        Seconds; what the Sun or the shadow leave of a pass may be missed where that is shorter.
 
     Returns
     -------
@@ -78,8 +78,8 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
     def elevation(time):
         return satellite_place(satellite, time, site)[1]
 
-    def seen(time):
-        up = elevation(time) >= min_el
+    def seen(time, el=None):
+        up = (elevation(time) if el is None else el) >= min_el
         if dark:
             late = time[up]
             up[up] = (sun_place(late, site)[1] < -12.0 * DEG) & in_sunlight(satellite, late)
@@ -90,7 +90,11 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
     if start >= end:
         return []
     time = np.append(np.arange(start, end, step), end)
-    up = seen(time)
+    el = elevation(time)
+    tops = _tops(elevation, time, el, min_el)
+    order = np.argsort(np.append(time, tops[0]), kind='stable')
+    time, el = (np.append(*pair)[order] for pair in ((time, tops[0]), (el, tops[1])))
+    up = seen(time, el)
     turns = np.flatnonzero(up[1:] != up[:-1])
     low, high, there = time[turns], time[turns + 1], up[turns]
     while turns.size and np.max(high - low) > 1e-3:
@@ -108,3 +112,18 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
             grid = np.linspace(grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)], 51)
         out.append(Pass(float(first), float(last), float(top), float(top_el)))
     return out
+
+
+def _tops(elevation, time, el, low):
+    """Times and elevations of culminations above `low` between times that are all below it."""
+    beside = np.pad(el, 1, constant_values=-np.inf)
+    i = np.flatnonzero((el >= beside[:-2]) & (el >= beside[2:]) & (el < low))
+    first, last = time[np.maximum(i - 1, 0)], time[np.minimum(i + 1, len(time) - 1)]
+    top, top_el = time[i], el[i]
+    for _ in range(3 if i.size else 0):  # of 60 s to 0.01 s
+        grid = np.linspace(first, last, 21)
+        found = elevation(grid.ravel()).reshape(grid.shape)
+        best, row = found.argmax(axis=0), np.arange(i.size)
+        top, top_el = grid[best, row], found[best, row]
+        first, last = (grid[np.clip(best + to, 0, 20), row] for to in (-1, 1))
+    return top[top_el >= low], top_el[top_el >= low]

@@ -65,15 +65,24 @@ def run(args):
     site = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
     mount = parse_mount(args.mount or 'altaz', site.latitude)
     axes = [Axis(-9.0, 9.0, args.rate * DEG, args.acceleration * DEG)] * 2
-    orbits, found, ages = Orbits(args.orbit), [], []
+    orbits, found, ages, spans = Orbits(args.orbit), [], [], {}
+    covered = False
     for name in [args.object] if args.object else orbits.names:
         orbit = orbits.orbit(name)
         start = iso_seconds(args.date) if args.date else max(
             orbit.begin, getattr(orbit, 'epoch', orbit.begin))
+        end = start + 3600.0 * args.hours
+        if orbit.precise and not orbit.begin <= start < end <= orbit.end:
+            spans.setdefault((orbit.begin, orbit.end, start, end), []).append(orbit.name)
+        covered |= orbit.begin < end and start < orbit.end
         if not orbit.precise:
-            ages.append(elements_age(orbit, np.array([start, start + 3600.0 * args.hours])))
+            ages.append(elements_age(orbit, np.array([start, end])))
         found += pass_forecasts(orbit, start, args.hours, site, mount=mount, axes=axes,
                                 low=args.lowest * DEG, dark=not args.day_too)
+    short = [f'{", ".join(names)}: of these hours, {_hours(start, end)}, the orbit has '
+             f'{_hours(first, last)}' for (first, last, start, end), names in spans.items()]
+    if not covered:
+        raise ValueError(f'{short[0]}: nothing; give the file of that day, or another --date')
     found.sort(key=lambda one: one.start)
     console = new_console()
     console.print(_table(found, mount) if args.verbose else _short_table(found, mount))
@@ -82,8 +91,14 @@ def run(args):
     if not found:
         console.print('no pass in these hours' + ('' if args.day_too else ' that is in the Sun, '
                                                   'at night: --day-too has all'))
-    print_lines(console, 'note', [*orbits.notes, *map(wording, ages)])
+    print_lines(console, 'note', [*orbits.notes, *short, *map(wording, ages)])
     write_outputs(console, args, [one.document() for one in found], 'passes')
+
+
+def _hours(first, last):
+    from datetime import datetime, timezone
+    return ' to '.join(f'{datetime.fromtimestamp(one, timezone.utc):%Y-%m-%d %H:%M} UTC'
+                       for one in (first, last))
 
 
 def _short_table(found, mount):

@@ -62,3 +62,14 @@ def test_old_elements_are_said(ended, tmp_path):
     out = ended('passes', '--orbit', tmp_path / 'iss.tle', *PLACE, '--day-too', '--date',
                 '2009-09-20', '--hours', '24')[1]
     assert 'elements of 25544 are 365.0 days old' in ' '.join(out.split())
+
+
+def test_hours_that_an_orbit_does_not_have_are_said(ended, refused, tmp_path):
+    (tmp_path / 'a.sp3').write_text(sp3(120.0 * np.arange(720), velocities=False))
+    common = ('passes', '--orbit', tmp_path / 'a.sp3', *PLACE, '--day-too')
+    assert 'the orbit has 2017-12-03 00:00 UTC to 2017-12-03 23:58 UTC: nothing; give' in refused(
+        *common, '--date', '2026-11-30')
+    out = ended(*common, '--hours', '23')[1]
+    assert 'of these hours' not in out
+    code, out, _ = ended(*common, '--hours', '72')
+    assert code == 0 and 'note: L52: of these hours, 2017-12-03 00:00 UTC to 2017-12-06' in out

@@ -101,15 +101,17 @@ def test_stamps_of_another_scale_are_named(refused, folder):
 def test_bad_input_is_one_line(refused, folder, tmp_path, text, more, message):
     path = tmp_path / 'track.csv'
     path.write_text(text)
-    place = ('--latitude', '34.3', '--longitude', '109')
+    place = ('--latitude', '34.3', '--longitude', '109', '--height', '500')
     assert message in refused('satellite', path, *orbits(folder), *place, *more)
 
 
 def test_a_track_without_a_site_asks_for_it(refused, folder, tmp_path):
     path = tmp_path / 'track.csv'
     path.write_text('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n')
-    assert 'the site is not known; give --latitude and --longitude' in refused(
-        'satellite', path, '--object', 'A01', *orbits(folder))
+    common = ('satellite', path, '--object', 'A01', *orbits(folder))
+    assert 'the site is not known; give --latitude and --longitude and --height' in refused(*common)
+    assert 'the height of the site is not known; give --height, or lines "# height_m: ..."' in \
+        refused(*common, '--latitude', '34.3', '--longitude', '109')
 
 
 def test_the_air_and_the_side_that_a_track_gives_are_taken(folder, tmp_path):
@@ -133,9 +135,6 @@ def test_the_air_and_the_side_that_a_track_gives_are_taken(folder, tmp_path):
         weather = read(air, weather=given).weather
         assert weather.pressure_hpa.tolist() == [pressure] * 2
         assert weather.temperature_c.tolist() == [-7.0] * 2
-    # of a site whose height is not known 756 hPa are no mm of mercury
-    head = head.replace('# height_m: 500\n', '')
-    assert read('# pressure_hpa: 756\n').weather.pressure_hpa.tolist() == [756.0] * 2
     beyond = np.array([True, True])
     sides = read(sides=['west', 'pierWest']).columns
     wanted = through_pole(plain.columns['az_enc'], plain.columns['el_enc'], beyond)
@@ -157,7 +156,7 @@ def test_rows_of_a_log_find_their_orbits_by_number(folder, tmp_path, monkeypatch
                        **{name: rows.columns[name][first] for name in ('az_enc', 'el_enc')},
                        'az': np.zeros(3), 'el': np.ones(3)}, {'source': 'night'})
     monkeypatch.setattr(track_loader, 'load_run', lambda *_, **__: run)
-    site = {'latitude': 0.6, 'longitude': 1.9}
+    site = {'latitude': 0.6, 'longitude': 1.9, 'height': 500.0}
     found = track_loader.load_tracks([tmp_path], paths, site=site)
     assert found.names.tolist() == ['B02', '', 'B02'] and list(found.orbits) == ['B02']
     with pytest.raises(ValueError, match='night: no orbit of satellite'):

@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..elements import Satellite, parse_sets
+from ..elements import TYPES, Satellite, parse_sets
 from .orbit_table import OrbitFormat
 
 #: of an OMM, without which there are no elements; and what the others are where they are missing
@@ -32,6 +32,8 @@ _NEEDED = ('EPOCH', 'MEAN_MOTION', 'ECCENTRICITY', 'INCLINATION', 'RA_OF_ASC_NOD
 _DEFAULTS = {'CLASSIFICATION_TYPE': 'U', 'OBJECT_ID': '', 'EPHEMERIS_TYPE': '0',
              'ELEMENT_SET_NO': '0', 'REV_AT_EPOCH': '0', 'BSTAR': '0', 'MEAN_MOTION_DOT': '0',
              'MEAN_MOTION_DDOT': '0'}
+#: theories whose elements SGP4 takes
+_THEORIES = {'SGP', 'SGP4', 'SDP4'}
 _KEY = re.compile(r'\s*([A-Z_0-9]+)\s*=\s*([^\[]*)')
 
 
@@ -159,6 +161,15 @@ def _elements(path, table):
     if known.get('TIME_SYSTEM', 'UTC') != 'UTC' or known.get('REF_FRAME', 'TEME') != 'TEME':
         raise ValueError(f'{path}: the elements of {name} are in {known.get("REF_FRAME")}, '
                          f'{known.get("TIME_SYSTEM")}; SGP4 takes TEME, UTC')
+    center = known.get('CENTER_NAME', 'EARTH')
+    theory = known.get('MEAN_ELEMENT_THEORY', 'SGP4')
+    kind = known.get('EPHEMERIS_TYPE', '0')
+    other = (f'about {center}' if center.upper() != 'EARTH' else
+             f'of the theory {theory}' if not set(theory.upper().split('/')) <= _THEORIES else
+             f'of type {kind} (EPHEMERIS_TYPE)' if kind not in TYPES else '')
+    if other:
+        raise ValueError(f'{path}: the elements of {name} are {other}; give elements of SGP4 about '
+                         'the Earth, or a precise orbit')
     epoch = known['EPOCH'].rstrip('Z')
     known['EPOCH'] = epoch if '.' in epoch else f'{epoch}.0'
     satellite = MessageElements(fields=tuple((_DEFAULTS | known).items()))

@@ -79,3 +79,9 @@ def test_orbit_runs_through_a_leap_second():
     before, velocity = GPS.state(midnight - 0.5)
     after, _ = GPS.state(midnight + 0.5)
     assert np.linalg.norm(after - before) == pytest.approx(2 * np.linalg.norm(velocity), rel=1e-3)
+
+
+def test_elements_of_another_theory_are_refused():
+    typed = [_with_checksum(GPS_26690[0][:62] + '4' + GPS_26690[0][63:]), GPS_26690[1]]
+    with pytest.raises(ValueError, match='line 1, column 63: elements of type 4, another theory'):
+        parse_elements(typed)

@@ -68,3 +68,16 @@ def test_low_orbit_is_seen_only_in_the_dark_and_in_sunlight():
     for one in dark:
         inside = np.linspace(one.start + 0.1, one.end - 0.1, 9)
         assert np.all(sun_place(inside)[1] < -12.0 * DEG) and np.all(in_sunlight(iss, inside))
+
+
+def test_a_pass_shorter_than_the_step_is_found():
+    iss = parse_elements([_with_checksum(line) for line in ISS])
+    found = passes(iss, START, 240.0, min_el=10.0 * DEG)
+    for high in found[:20]:
+        low = high.top_el - 0.005 * DEG
+        short = [one for one in passes(iss, high.start, 0.5, min_el=low) if one.top < high.end]
+        assert len(short) == 1 and 0.0 < short[0].end - short[0].start < 20.0
+        assert short[0].start - 0.01 < high.top < short[0].end + 0.01
+    # as the hours begin, and as they end
+    assert len(passes(iss, high.top - 1.0, 0.01, min_el=low)) == 1
+    assert len(passes(iss, high.top - 35.0, 0.01, min_el=low)) == 1

@@ -181,6 +181,30 @@ def test_bad_input_is_one_line(tmp_path, text, name, message):
     assert message in str(error.value) and '\n' not in str(error.value)
 
 
+OMM = '''CENTER_NAME = EARTH
+EPOCH = 2023-08-27T12:25:40.104192
+MEAN_MOTION = 15.72125391
+ECCENTRICITY = 0.0006703
+INCLINATION = 51.6416
+RA_OF_ASC_NODE = 247.4627
+ARG_OF_PERICENTER = 130.5360
+MEAN_ANOMALY = 325.0288
+NORAD_CAT_ID = 25544
+'''
+
+
+def test_an_omm_of_another_theory_or_planet_is_refused(tmp_path):
+    for theory in ('SGP4', 'SGP/SGP4'):
+        more = f'MEAN_ELEMENT_THEORY = {theory}\nEPHEMERIS_TYPE = 0\n'
+        assert orbit(tmp_path, OMM + more)[0].number == 25544
+    for text, message in (
+            (OMM + 'MEAN_ELEMENT_THEORY = DSST\n', 'of the theory DSST; give elements of SGP4'),
+            (OMM + 'EPHEMERIS_TYPE = 4\n', 'of type 4'),
+            (OMM.replace('= EARTH', '= MARS'), 'the elements of 25544 are about MARS')):
+        with pytest.raises(ValueError, match=message):
+            orbit(tmp_path, text)
+
+
 def test_one_of_several_is_asked_for(tmp_path):
     both = oem(EPOCHS) + oem(EPOCHS).split('\n', 3)[3].replace('LAGEOS-2', 'LAGEOS-1')
     with pytest.raises(ValueError, match='2 satellites; name one with --object: LAGEOS-1'):
