@@ -86,6 +86,8 @@ def joined(arcs, orbit_sigma=ORBIT_ERROR):
     objects = tuple(sorted({arc.objects[0] for arc in arcs}))
     move = {name: np.concatenate([getattr(arc, name) for arc in arcs], axis=1)
             for name in ('clock', 'ahead', 'across', 'out')}
+    common = {name: np.concatenate([arc.common[name] for arc in arcs], axis=1)
+              for name in arcs[0].common}
     run = PointingRun({name: np.concatenate([arc.run[name] for arc in arcs])
                        for name in arcs[0].run.columns}, arcs[0].run.meta)
     sizes = [len(arc) for arc in arcs]
@@ -93,7 +95,7 @@ def joined(arcs, orbit_sigma=ORBIT_ERROR):
         run, objects, np.repeat([objects.index(arc.objects[0]) for arc in arcs], sizes),
         np.repeat(np.arange(len(arcs)), sizes), **move,
         speed=np.concatenate([arc.speed for arc in arcs]),
-        orbit_sigma=np.full(sum(sizes), orbit_sigma))
+        orbit_sigma=np.full(sum(sizes), orbit_sigma), common=common)
 
 
 def stars(rng, n=60):

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.analysis.satellites.track_faults import elements_age
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import centred, is_beyond, parse_mount, through_pole
 from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.run import column_name, known_site
@@ -212,6 +212,9 @@ def _measured(part, site, weather, mount, notes):
         miss = [np.nan_to_num(cells[one]) * ARCSEC if one in cells else np.zeros(len(az))
                 for one in ('miss_x_arcsec', 'miss_y_arcsec')]
         out['az_enc'], out['el_enc'] = centred(az, el, *miss, np.cos(el) < 0.0)
+        if any(one.any() for one in miss):  # on the sky, as it was taken into account
+            out['miss_x'] = wrap(out['az_enc'] - az) * np.cos(el)
+            out['miss_y'] = wrap(out['el_enc'] - el)
     elif 'az_deg' in cells:
         out['az_enc'], out['el_enc'] = mount.axes_of(cells['az_deg'] * DEG, cells['el_deg'] * DEG)
     else:

@@ -18,7 +18,7 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects.base import arcsec
 
 from .number_wording import value_and_error
@@ -28,6 +28,10 @@ def _seconds(value, sigma):
     if abs(value) < 1.0:
         return f'{1e3 * abs(value):.1f} ± {1e3 * sigma:.1f} ms'
     return f'{abs(value):.2f} ± {sigma:.2f} s'
+
+
+def _utc(time, seconds=''):
+    return datetime.fromtimestamp(time, timezone.utc).strftime(f'%Y-%m-%d %H:%M{seconds} UTC')
 
 
 def _percent(chance):
@@ -41,9 +45,8 @@ def _signed(found):
 def _pass_left_out(found):
     why = ('most are outliers' if np.isnan(found.size) else
            f'they are {arcsec(found.size / ARCSEC)} from where the others say')
-    begin = datetime.fromtimestamp(found['begin'], timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
-    return (f'The pass of {found.causes[0]} that begins {begin} is left out with its '
-            f'{found["rows"]} rows: {why}. Check stamps, satellite and power-on')
+    return (f'The pass of {found.causes[0]} that begins {_utc(found["begin"])} is left out with '
+            f'its {found["rows"]} rows: {why}. Check stamps, satellite and power-on')
 
 
 def _zero_of_power_on(found):
@@ -58,6 +61,26 @@ def _stamps(found):
     scale = f', as if in {found.causes[0]} time' if found.causes[0] and found.size > 0.0 else ''
     return (f'the time stamps are {abs(found.size):g} s {word}{scale}: {found.before:.0f}" becomes '
             f'{found.after:.0f}" without that; give UTC')
+
+
+#: of what all rows share: what is more, unit of that, and its size in that of the fit
+_SHARED = {
+    'height': ('height of the site', 'm', 1.0),
+    'height and air': ('height of the site (with the standard air there)', 'm', 1.0),
+    'latitude': ('latitude', 'deg', DEG), 'longitude': ('longitude', 'deg', DEG),
+    'refraction': ('refraction', '% of that of ordinary air', 0.01),
+    'clock': ("station's clock", 's', 1.0)}
+
+
+def _common_to_all(found):
+    each = []
+    for name, (value, sigma) in found.evidence.items():
+        what, unit, size = _SHARED[name]
+        error = max(sigma / size, 1e-9)
+        digits = max(0, 1 - int(np.floor(np.log10(error))))
+        each.append(f'{what} {value / size:+.{digits}f} ± {error:.{digits}f} {unit}')
+    return (f'Something that all rows share is off ({_percent(found.size)}), no orbit need be: '
+            f'{", or ".join(each)}, beside what was given. The fit allows for it; set it right')
 
 
 def _old_elements(found):
@@ -75,13 +98,21 @@ KINDS = {
         f'One of these orbits is wrong along the track: {", ".join(found.causes)} '
         f'({_percent(found.size)}). The data cannot distinguish them: observe another arc '
         'of each'),
+    'common to all': _common_to_all,
     'pass left out': _pass_left_out,
     'tracks disagree': lambda found: (
         f'The tracks disagree: {found.size:.1f}" are left (RMS), {found.size / found["noise"]:.0f} '
         'times the noise of the rows. An orbit, a pass or a stamp is wrong, or a zero has moved: '
         'do not trust these terms'),
     'outliers of tracks': lambda found: (
-        f'{found.size} of {found["of"]} rows are left out as outliers'),
+        f'{found.size} of {found["of"]} rows are left out as outliers, the first at '
+        f'{_utc(found["first"], ":%S")} ({found.causes[0]})'),
+    'whole stamps': lambda found: (
+        f'Every time stamp is a whole second, and rows scatter along the track by {found.size:.2f} '
+        's. The stamps are rounded or cut off: they tell no clock. Write fractions of seconds'),
+    'miss reversed': lambda found: (
+        f'The sign of {" and ".join(found.causes)} looks reversed: the other sign would leave '
+        f'{found.after:.1f} in place of {found.before:.1f} arcsec'),
     'zero of a power-on': _zero_of_power_on,
     'stamps off': _stamps,
     'not the satellite': lambda found: (

@@ -14,17 +14,20 @@
 
 """Tracks of satellites as rows of a run: where each was by its orbit, and what would move it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..mounts import ALTAZ, is_beyond, through_pole
 from ..sky.earth import TURN_RATE
+from ..sky.refraction import DEFAULT_WEATHER, refracted_elevation
 from ..sky.satellite_motion import satellite_motion
 from .run import PointingRun
 
 #: s without a row of a satellite: another arc
 _GAP = 1200.0
+#: of site and air, that all rows share
+COMMON = 'height', 'latitude', 'longitude', 'refraction'
 #: name of rows that are stars
 STARS = ''
 
@@ -47,6 +50,8 @@ class SatelliteTracks:
         As of `satellite_motion.SatelliteMotion`; the last three zero for stars.
     speed, orbit_sigma : ndarray, shape (n,)
         m/s along the orbit, and of a coordinate of it, m; zero for stars.
+    common : dict of str to ndarray, shape (2, n)
+        What site and air move all by, as of `satellite_motion.SatelliteMotion`.
     """
 
     run: PointingRun
@@ -59,6 +64,7 @@ class SatelliteTracks:
     out: np.ndarray
     speed: np.ndarray
     orbit_sigma: np.ndarray
+    common: dict = field(default_factory=dict)
 
     def __len__(self):
         return len(self.run)
@@ -89,7 +95,8 @@ class SatelliteTracks:
         return replace(self, run=self.run.select(rows), object=self.object[rows],
                        arc=self.arc[rows], clock=self.clock[:, rows], ahead=self.ahead[:, rows],
                        across=self.across[:, rows], out=self.out[:, rows], speed=self.speed[rows],
-                       orbit_sigma=self.orbit_sigma[rows])
+                       orbit_sigma=self.orbit_sigma[rows],
+                       common={name: of[:, rows] for name, of in self.common.items()})
 
 
 def star_rates(az, el, latitude, mount=ALTAZ):
@@ -104,8 +111,23 @@ def star_rates(az, el, latitude, mount=ALTAZ):
     mount : Mount
     """
     pole = TURN_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
-    motion = -np.cross(pole, mount.direction(az, el).T).T
+    return _turned_about(-pole, az, el, mount)
+
+
+def _turned_about(axis, az, el, mount):
+    """How directions move on the sky that turn about an axis (east, north, up), shape (2, n)."""
+    motion = np.cross(axis, mount.direction(az, el).T).T
     return np.stack([np.sum(one * motion, axis=0) for one in mount.tangents(az, el)])
+
+
+def _common_of_stars(az, el, latitude, mount):
+    """What site and air move stars by, as of `satellite_motion.SatelliteMotion`."""
+    up = mount.horizon_of(az, el)[1]
+    raised = (refracted_elevation(up, DEFAULT_WEATHER) - up) / np.cos(up)
+    zenith = np.stack([one[2] for one in mount.tangents(az, el)])
+    return {'latitude': _turned_about(np.array([1.0, 0.0, 0.0]), az, el, mount),
+            'longitude': star_rates(az, el, latitude, mount) / TURN_RATE,
+            'refraction': zenith * raised}
 
 
 def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=None):
@@ -147,18 +169,24 @@ def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=No
     n = len(time)
     az, el = (np.array(columns.get(axis, np.full(n, np.nan)), float) for axis in ('az', 'el'))
     moves = {name: np.zeros((2, n)) for name in ('clock', 'ahead', 'across', 'out')}
+    common = {name: np.zeros((2, n)) for name in COMMON}
     speed, sigma = np.zeros(n), np.zeros(n)
     for i, name in enumerate(objects):
         rows = np.flatnonzero(number == i)
         if name == STARS:
             moves['clock'][:, rows] = star_rates(az[rows], el[rows], site.latitude, mount)
+            for what, of in _common_of_stars(az[rows], el[rows], site.latitude, mount).items():
+                common[what][:, rows] = of
             continue
         air = weather(order[rows]) if callable(weather) else weather
         motion = satellite_motion(orbits[name], time[rows], site, air, mount)
         beyond = mount.two_sided & is_beyond(columns['el_enc'][rows])
         az[rows], el[rows] = mount.on_travel(*through_pole(motion.az, motion.el, beyond))
-        for what, of in moves.items():  # through the pole both axes turn the other way
-            of[:, rows] = np.where(beyond, -1.0, 1.0) * getattr(motion, what)
+        turn = np.where(beyond, -1.0, 1.0)  # through the pole both axes turn the other way
+        for what, of in moves.items():
+            of[:, rows] = turn * getattr(motion, what)
+        for what, of in common.items():
+            of[:, rows] = turn * motion.common[what]
         speed[rows], sigma[rows] = motion.speed, orbits[name].sigma(time[rows])
     rates = moves['clock'] / np.stack((np.cos(el), np.ones(n)))
     run = PointingRun({**columns, 'az': az, 'el': el, 'star': label.astype(str),
@@ -166,4 +194,4 @@ def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=No
                       {**(meta or {}), 'site': site, **({} if mount.vertical else {
                           'mount': mount})})
     return SatelliteTracks(run, objects, number, np.cumsum(new) - 1, **moves, speed=speed,
-                           orbit_sigma=sigma)
+                           orbit_sigma=sigma, common=common)

@@ -14,6 +14,7 @@
 
 """How a satellite's observed place changes: with the clock, and with errors of its orbit."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import erfa
@@ -30,6 +31,8 @@ from .site import DEFAULT_SITE
 
 #: s, to either side: the third derivative of a low satellite's place makes 0.01" in it
 _STEP = 0.25
+#: of what a site has, m and rad: differences that are no rounding
+_SITE_STEPS = {'height': 100.0, 'latitude': 1e-5, 'longitude': 1e-5}
 
 
 class SatelliteMotion(NamedTuple):
@@ -49,6 +52,9 @@ class SatelliteMotion(NamedTuple):
         The same for a second that the satellite is ahead on its orbit.
     across, out : ndarray, shape (2, n)
         The same for a metre to the left of the orbit's plane, and away from the Earth.
+    common : dict of str to ndarray, shape (2, n)
+        The same for what all satellites share: ``height`` (a metre that the site is higher),
+        ``latitude``, ``longitude`` (a radian more), ``refraction`` (that of ordinary air more).
     """
 
     az: np.ndarray
@@ -59,6 +65,7 @@ class SatelliteMotion(NamedTuple):
     ahead: np.ndarray
     across: np.ndarray
     out: np.ndarray
+    common: dict
 
 
 def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mount=ALTAZ):
@@ -109,6 +116,16 @@ def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
         metre = 100.0  # a difference that is no rounding
         return moved((az + metre * x / np.cos(el), el + metre * y)) / metre
 
+    def of_site(name, step):
+        value = getattr(site, name)
+        step = -np.copysign(step, value)  # within what a site may have
+        there = replace(site, **{name: value + step})
+        return moved(satellite_place(orbit, time, there, weather)[:2]) / step
+
+    none, usual = (moved(satellite_place(orbit, time, site, air)[:2])
+                   for air in (replace(DEFAULT_WEATHER, pressure_hpa=0.0), DEFAULT_WEATHER))
+    common = {name: of_site(name, step) for name, step in _SITE_STEPS.items()}
     return SatelliteMotion(
         *here, distance, np.linalg.norm(velocity, axis=1), rate('rest'),
-        rate('time_bias'), by_metre(pole), by_metre(place))
+        rate('time_bias'), by_metre(pole), by_metre(place),
+        common | {'refraction': usual - none})

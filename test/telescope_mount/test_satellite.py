@@ -114,6 +114,20 @@ def test_a_track_without_a_site_asks_for_it(refused, folder, tmp_path):
         refused(*common, '--latitude', '34.3', '--longitude', '109')
 
 
+def test_a_few_wild_rows_and_a_pass_under_another_name_refuse_no_file(ended, folder, tmp_path):
+    lines = (folder / 'tracks.csv').read_text().splitlines()
+    rows = [line.split(',') for line in lines[4:]]
+    wild = [','.join([*row[:2], '0', '0'] if i % 12 == 5 else row) for i, row in enumerate(rows)]
+    named = [','.join([row[0], row[1].replace('A01', 'C03'), *row[2:]]) for row in rows]
+    for name, changed, said in (('wild', wild, 'rows are left out as outliers, the first at 2017'),
+                                ('named', named, 'The pass of C03 that begins 2017')):
+        path = tmp_path / f'{name}.csv'
+        path.write_text('\n'.join([*lines[:4], *changed]) + '\n')
+        code, out, err = ended('satellite', path, *orbits(folder), '--no-diagnosis', '--star-run',
+                               folder / 'stars.csv', '--verbose')
+        assert (code, err) == (0, '') and said in ' '.join(out.split())
+
+
 def test_the_air_and_the_side_that_a_track_gives_are_taken(folder, tmp_path):
     from pointing_model.mounts import through_pole
     from telescope_mount.track_loader import load_tracks
@@ -179,3 +193,5 @@ def test_a_camera_that_missed_is_taken_into_account(folder, tmp_path):
                      for name in ('plain.csv', 'missed.csv'))
     np.testing.assert_allclose(missed['az_enc'], plain['az_enc'], atol=0.05 * ARCSEC)
     np.testing.assert_allclose(missed['el_enc'], plain['el_enc'], atol=0.05 * ARCSEC)
+    np.testing.assert_allclose([missed['miss_x'], missed['miss_y']], np.multiply(
+        [[30.0], [-20.0]], ARCSEC * np.ones(20)), atol=0.05 * ARCSEC)

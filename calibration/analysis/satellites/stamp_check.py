@@ -21,6 +21,7 @@ from pointing_model.pointing_terms import stacked_design
 from pointing_model.sky.orbits.time_scales import leap_seconds
 
 from ..finding import Finding
+from .track_columns import power_ons
 
 #: rad of radial RMS below which stamps are right, and part of it that other stamps leave
 _RIGHT, _BETTER = 30.0 * ARCSEC, 0.3
@@ -30,6 +31,8 @@ _ELSEWHERE, _NO_ZERO = 1.0 * DEG, 10.0 * DEG
 _MOST_BIAS = 10.0
 #: rows that are looked at; standard errors of the time along an orbit that are no wrong stamp
 _MOST, _SIGMAS = 300, 3.0
+#: of reweighting
+_ROUNDS = 30
 
 
 def wrong_track(measured, bias_free=()):
@@ -77,13 +80,29 @@ def wrong_track(measured, bias_free=()):
 
 def _left(tracks):
     """Radial RMS that zeros and collimation leave of the median sort, rad."""
-    run = tracks.run
-    x, y = run.offsets()
-    b = np.concatenate((x, y))
-    columns = stacked_design(run.mount.names.physical[:3], run['az'], run['el'], run.mount)
-    p = np.linalg.lstsq(columns.T, b, rcond=1e-8)[0]
-    off = (b - p @ columns).reshape(2, -1)
-    middle = abs(float(np.median(y)))
-    if run.mount.vertical and middle > _NO_ZERO:
+    middle = abs(float(np.median(tracks.run.offsets()[1])))
+    if tracks.run.mount.vertical and middle > _NO_ZERO:
         return middle
-    return float(np.sqrt(np.median(np.sum(off**2, axis=0))))
+    return float(np.sqrt(np.median(np.sum(robustly_off(tracks)**2, axis=0))))
+
+
+def robustly_off(tracks):
+    """What zeros and collimation leave, shape (2, n), rad: rows elsewhere move the others little.
+
+    Parameters
+    ----------
+    tracks : SatelliteTracks
+    """
+    run, n = tracks.run, len(tracks)
+    b = np.concatenate(run.offsets())
+    columns = stacked_design(run.mount.names.physical[:3], run['az'], run['el'], run.mount)
+    zeros = stacked_design(run.mount.names.index, run['az'], run['el'], run.mount)
+    columns = np.concatenate([columns, *(zeros * np.tile(run['run'] == one, 2)
+                                         for one in power_ons(run)[:-1])])
+    both = np.ones(2 * n)
+    for _ in range(_ROUNDS):  # least distances
+        p = np.linalg.lstsq((columns * both).T, b * both, rcond=1e-8)[0]
+        off = (b - p @ columns).reshape(2, n)
+        root = np.maximum(np.hypot(*off), ARCSEC) ** -0.5
+        both = np.tile(root / root.max(), 2)
+    return off

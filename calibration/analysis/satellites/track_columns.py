@@ -18,15 +18,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.pointing_terms import stacked_design
 
 #: name of the coefficient of the station's clock, seconds that its stamps are late
 CLOCK = 'clock'
+#: a height with the standard atmosphere there
+HEIGHT_AND_AIR = 'height and air'
 #: m: an orbit is not known better, whatever a file says (of a fitted orbit of centimetres)
 _LEAST = 0.01
 #: s between the knots of an orbit that drifts along its track, and how long that remembers
 _KNOTS, _DRIFT_MEMORY = 900.0, 7200.0
+#: what all rows share and may be wrong -> its size, 1 sigma (m, rad, part of that of ordinary air)
+COMMON_SIZES = {'height': 3000.0, HEIGHT_AND_AIR: 3000.0, 'latitude': 0.1 * DEG,
+                'longitude': 0.1 * DEG, 'refraction': 0.3, 'clock': 10.0}
+#: part of the air of a standard atmosphere that a metre of height takes away
+_AIR_OF_A_METRE = 1.18e-4
 
 
 @dataclass
@@ -38,7 +45,7 @@ class TrackColumns:
     names : tuple of str, length k
         Terms, ``IA[1]`` (how far the zero of power-on 1 is from that of the newest), `CLOCK`,
         ``ahead L52`` (a satellite's seconds on its orbit), and of each arc ``along``, ``across``,
-        ``out`` with its number (m).
+        ``out`` with its number (m); ``common height`` and others of `COMMON_SIZES`.
     columns : ndarray, shape (k, 2n)
         On the sky, rad a unit.
     variance : ndarray, shape (k,)
@@ -74,7 +81,7 @@ class TrackColumns:
         return self.names.index(name)
 
 
-def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=()):
+def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=(), common=()):
     """Columns of tracks.
 
     Parameters
@@ -87,6 +94,8 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=()):
         Satellites of which the time along the orbit is not known, whatever the sigma of the orbit.
     drifts : collection of str
         Satellites whose orbit may be off along the track, by more than its sigma.
+    common : collection of str
+        Of `COMMON_SIZES`: what may be wrong for all rows.
 
     Returns
     -------
@@ -127,6 +136,8 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=()):
                 add(f'along {arc}', tracks.ahead / speed, mine, sigma)
             add(f'across {arc}', tracks.across, mine, sigma)
             add(f'out {arc}', tracks.out, mine, sigma)
+    for name in common:
+        add(f'common {name}', _common_move(tracks, name), np.arange(n), COMMON_SIZES[name])
     parts = {}
     for name in drifts:
         knots, covariance = _knots(tracks, tracks.objects.index(name))
@@ -135,6 +146,14 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=()):
         columns += list(knots)
         variance += [1.0] * len(knots)
     return TrackColumns(tuple(names), np.array(columns), np.array(variance), len(terms), parts)
+
+
+def _common_move(tracks, name):
+    if name == 'clock':
+        return -tracks.clock
+    if name == HEIGHT_AND_AIR:
+        return tracks.common['height'] - _AIR_OF_A_METRE * tracks.common['refraction']
+    return tracks.common[name]
 
 
 def power_ons(run):

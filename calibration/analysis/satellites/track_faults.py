@@ -17,9 +17,11 @@
 A pass that is off by far more than the rows scatter has a wrong stamp, satellite or power-on: of
 all passes the one is left out without which the others agree best, until they do. Each satellite
 in turn may be off along its track, constantly or as it goes, by any size: how likely the rows are
-then, whatever mount, clock and orbits are, is compared with that of no orbit being wrong. Half of
-the prior is that none is. One that takes nearly all of the chance is left out, and the others are
-looked at again; where several share it, they are named as such, and the fit is the mean over them.
+then, whatever mount, clock and orbits are, is compared with that of no orbit being wrong, and of
+something that all share: site, refraction, a clock that is said to be known. Each of the three has
+a third of the prior. What all share is fitted where it explains the rows better. An orbit that
+takes nearly all of the chance is left out, and the others are looked at again; where several share
+it, they are named as such, and the fit is the mean over them.
 How old elements are, and what they may err by, is told too.
 """
 
@@ -33,6 +35,8 @@ from msg_tools.units import ARCSEC
 from ...estimation.prior_fit import PriorFit, gram_of
 from ...estimation.step_scan import probabilities
 from ..finding import Finding
+from .stamp_check import robustly_off
+from .track_columns import COMMON_SIZES, HEIGHT_AND_AIR
 from .track_fit import fit_tracks
 
 #: chance from which on an orbit is wrong, and one that is worth a name beside others
@@ -41,11 +45,15 @@ SURE, POSSIBLE = 0.98, 0.02
 _SIZES = tuple(size * ARCSEC for size in (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0))
 #: satellites that must be left, and passes
 _LEAST, _PASSES = 2, 2
+#: sizes that what all share may have, over `COMMON_SIZES`
+_COMMON_PARTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
 #: sigmas of the white noise of its rows that a pass is off, RMS: nothing that remembers adds as
 #: much; and how far it is off while wrong orbits are not known yet, rad: they are off by less
 _FAR, _GROSS = 6.0, 500.0 * ARCSEC
 #: part of its rows without which a pass tells nothing
 _MOST_LOST = 0.5
+#: times what zeros leave of the median row from where on rows are elsewhere, and part of a pass
+_TIMES, _PART = 10.0, 0.25
 
 
 def elements_age(orbit, time):
@@ -67,30 +75,46 @@ def fault_chances(tracks, **options):
     Returns
     -------
     dict of str to float
-        By satellite, '' for none; they sum to 1.
+        By satellite, '' for none, ``common height`` and others of `COMMON_SIZES`; they sum to 1.
     """
-    names = tracks.satellites
+    names, freed = tracks.satellites, tuple(options.pop('common', ()))
+    shared = () if freed else _may_be_wrong(tracks, options)
     # the noise is that of tracks of which each may be wrong: a fault is none of it
-    full = fit_tracks(tracks, drifts=names, **options)
+    full = fit_tracks(tracks, drifts=names, common=freed + shared, **options)
     columns, noise = full.columns, full.noises[0][0]
     left, mean = _before_orbits(full)
     gram = gram_of(noise.whiten(columns.columns), noise.whiten(left))
     plain = np.ones(len(columns.names), bool)
     for part, _ in columns.drifts.values():
         plain[part] = False
+    at = {name: columns.place(f'common {name}') for name in shared}
+    plain[list(at.values())] = False
     prior = full.precision
     logs = {'': _evidence(gram, noise.count, prior, mean, plain, None, 0.0) + np.log(0.5)}
-    for name in names:
-        part, covariance = columns.drifts[name]
+
+    def log_of(part, covariance, sizes):
+        """Of a part of the coefficients with a covariance for size 1."""
         kept = plain.copy()
         kept[part] = True
         inverse, log_det = np.linalg.inv(covariance), np.linalg.slogdet(covariance)[1]
         m = len(covariance)
         tried = [_evidence(gram, noise.count, prior, mean, kept, (part, inverse / size**2),
-                           log_det + 2.0 * m * np.log(size)) for size in _SIZES]
-        logs[name] = float(np.logaddexp.reduce(tried)) + np.log(
-            0.5 / len(names) / len(_SIZES))
+                           log_det + 2.0 * m * np.log(size)) for size in sizes]
+        return float(np.logaddexp.reduce(tried)) + np.log(0.5 / len(sizes))
+
+    for name in names:
+        part, covariance = columns.drifts[name]
+        logs[name] = log_of(part, covariance, _SIZES) - np.log(len(names))
+    for name, place in at.items():
+        logs[f'common {name}'] = log_of(slice(place, place + 1), np.eye(1), COMMON_SIZES[
+            name] * _COMMON_PARTS) - np.log(len(at))
     return probabilities(logs)
+
+
+def _may_be_wrong(tracks, options):
+    """What all rows share of these tracks, of `COMMON_SIZES`."""
+    clock = ('clock',) if np.isfinite(options.get('clock_sigma', np.inf)) else ()
+    return (*tracks.common, *((HEIGHT_AND_AIR,) if tracks.common else ()), *clock)
 
 
 def _before_orbits(fit):
@@ -165,8 +189,29 @@ def stray_passes(tracks, least=0.0, **options):
             or 2 * strays_of[one.causes[0]] < passes_of[one.causes[0]]]
 
 
-def _pass_finding(tracks, arc, off):
-    rows = np.flatnonzero(tracks.arc == arc)
+def _elsewhere(tracks, bias_free=(), **_):
+    """The tracks without passes elsewhere, such as under another satellite's name, and these.
+
+    Where a part of a pass is, that part; single rows are left to the fit.
+    """
+    off = np.hypot(*robustly_off(tracks))
+    own = tracks.orbit_sigma / np.maximum(tracks.speed, 1.0) * np.hypot(*tracks.ahead)
+    known = ~np.isin(tracks.run['star'], list(bias_free))
+    far = known & (off > np.maximum(_GROSS, _TIMES * np.median(off)) + 3.0 * own)
+    out, found = np.zeros(len(tracks), bool), []
+    for arc in np.unique(tracks.arc[~tracks.is_star]):
+        rows = (tracks.arc == arc) & far
+        if np.count_nonzero(rows) > _PART * np.count_nonzero(tracks.arc == arc):
+            out |= rows
+            found.append(_pass_finding(tracks, arc, np.sqrt(np.mean(off[rows]**2)), rows))
+    # most rows must agree, of more than one pass
+    if 2 * np.count_nonzero(out) > len(out) or len(np.unique(tracks.arc[~out])) < _PASSES:
+        return tracks, []
+    return _renumbered(tracks.select(~out)) if found else tracks, found
+
+
+def _pass_finding(tracks, arc, off, rows=None):
+    rows = np.flatnonzero(tracks.arc == arc if rows is None else rows)
     return Finding('pass left out', float(off), unit='rad', causes=(
         tracks.objects[tracks.object[rows[0]]],), evidence={
             'arc': int(arc), 'rows': len(rows),
@@ -197,20 +242,32 @@ def fit_without_faults(tracks, **options):
         ``left_out``, ``suspects`` and ``notes`` say which orbits are wrong, or may be.
     """
     out, suspects = [], {}
-    tracks, notes = _without_passes(tracks, _GROSS, **options)
+    tracks, notes = _elsewhere(tracks, **options)
+    tracks, more = _without_passes(tracks, _GROSS, **options)
+    notes += more
     while True:
         kept = _without(tracks, out)
         if len(kept.satellites) < _LEAST:
             break
         chances = fault_chances(kept, **options)
-        worst = max((name for name in chances if name), key=chances.get)
+        worst = max(kept.satellites, key=chances.get)
+        shared = {name.removeprefix('common '): chance for name, chance in chances.items()
+                  if name.startswith('common ') and chance > POSSIBLE}
+        if chances[''] < 1.0 - SURE and sum(shared.values()) > chances[worst]:
+            # each alone: together they may not be separated
+            found = {name: fit_tracks(kept, common=(name,), **options)[f'common {name}']
+                     for name in shared}
+            notes.insert(0, Finding('common to all', sum(shared.values()), unit='',
+                                    evidence=found))
+            options['common'] = tuple(shared)
+            continue
         if chances[worst] > SURE:
             out.append(worst)
             notes.append(Finding('orbit wrong', chances[worst], unit='', causes=(worst,)))
             continue
         if chances[''] < 1.0 - SURE:
-            suspects = {name: chance for name, chance in chances.items()
-                        if name and chance > POSSIBLE}
+            suspects = {name: chances[name] for name in kept.satellites
+                        if chances[name] > POSSIBLE}
             notes.append(Finding('one orbit of these wrong', 1.0 - chances[''], unit='',
                                  causes=tuple(sorted(suspects))))
         break

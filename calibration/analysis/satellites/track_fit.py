@@ -166,7 +166,7 @@ def with_origin(tracks):
 
 
 def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(), free=None,
-               memory=True, drifts=()):
+               memory=True, drifts=(), common=()):
     """Fit terms, clock and orbits to tracks.
 
     Parameters
@@ -182,7 +182,7 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
         By default the zeros of the axes.
     memory : bool
         Whether the noise of satellites may remember.
-    drifts : collection of str
+    drifts, common : collection of str
         As of `track_columns`.
 
     Returns
@@ -197,7 +197,8 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
     run, mount = tracks.run, tracks.run.mount
     if terms is None:
         terms = tuple(held.terms) if held is not None else mount.names.physical
-    columns = track_columns(tracks, tuple(terms), clock_sigma, bias_free, drifts)
+    columns = track_columns(tracks, tuple(terms), clock_sigma, bias_free, drifts,
+                            common)
     precision, mean = _known(columns, held, mount.names.index if free is None else free)
     open_ones = int(np.count_nonzero(np.diag(precision) == 0.0))
     if 2 * len(tracks) <= open_ones:

@@ -26,6 +26,10 @@ from .track_columns import CLOCK, power_ons
 _LATE = 1e-4
 #: times the white noise of the rows, from where what is left is none that remembers
 _DISAGREE = 5.0
+#: rows that tell of stamps and signs; slope of what is left on a miss distance about 2, in sigmas
+_FEWEST, _NEAR_TWO, _CERTAIN = 10, 0.3, 8.0
+#: times more scatter along the track than across, s, that rounding to seconds makes (0.29 s)
+_ROUNDED, _LEAST_ROUND, _MOST_ROUND = 2.0, 0.2, 0.4
 
 
 def track_document(fit):
@@ -59,8 +63,49 @@ def track_document(fit):
     if CLOCK in fit.columns.names:
         value, sigma = fit[CLOCK]
         out['clock'] = {'late_s': value, 'sigma_s': sigma, 'separated': fit.separated(CLOCK)}
-    out['notes'] = [*fit.notes, *_findings(fit, out)]
+    whole = _whole_stamps(fit)
+    if whole:
+        out.pop('clock', None)  # it is off by what was rounded
+    out['notes'] = [*fit.notes, *whole, *_reversed_miss(fit), *_findings(fit, out)]
     return out
+
+
+def _whole_stamps(fit):
+    """Whether stamps are rounded to seconds: rows scatter along the track as that makes them."""
+    tracks = fit.tracks
+    rows = ~tracks.is_star & (fit.weights > 0.0)
+    time = np.asarray(tracks.run['time'], float)[rows]
+    if len(time) < _FEWEST or np.any(time != np.round(time)):
+        return []
+    along, across = (one[rows] for one in tracks.along(*fit.after))
+    late = float(np.std(along / np.hypot(*tracks.ahead[:, rows])))
+    if np.std(along) < _ROUNDED * np.std(across) or not _LEAST_ROUND < late < _MOST_ROUND:
+        return []
+    return [Finding('whole stamps', late, unit='s')]
+
+
+def _reversed_miss(fit):
+    """Whether columns of the camera have the other sign: twice of them is left."""
+    run = fit.tracks.run
+    names = [name for name in ('miss_x', 'miss_y') if name in run]
+    left, wrong = fit.after.copy(), []
+    for name, axis in zip(names, (0, 1)):
+        miss = np.nan_to_num(np.asarray(run[name], float))
+        rows = (fit.weights > 0.0) & (miss != 0.0)
+        if np.count_nonzero(rows) < _FEWEST:
+            continue
+        x, y = (one[rows] - np.mean(one[rows]) for one in (miss, fit.after[axis]))
+        slope = float(x @ y / max(x @ x, 1e-30))
+        sigma = float(np.std(y - slope * x) / np.sqrt(max(x @ x, 1e-30)))
+        if abs(slope - 2.0) < _NEAR_TWO and slope > _CERTAIN * sigma:
+            wrong.append(name)
+            left[axis] = left[axis] - 2.0 * miss
+    if not wrong:
+        return []
+    left = left - np.mean(left[:, fit.weights > 0.0], axis=1)[:, None]
+    return [Finding('miss reversed', causes=tuple(wrong),
+                    before=_rms(fit.after, fit.weights)['radial_arcsec'],
+                    after=_rms(left, fit.weights)['radial_arcsec'])]
 
 
 def _findings(fit, document):
@@ -70,8 +115,10 @@ def _findings(fit, document):
     if left > _DISAGREE * noise:
         out.append(Finding('tracks disagree', left, evidence={'noise': noise}))
     if document['rows_set_aside']:
-        out.append(Finding('outliers of tracks', document['rows_set_aside'], unit='rows',
-                           evidence={'of': document['rows']}))
+        first = int(np.flatnonzero(fit.weights == 0.0)[0])
+        out.append(Finding('outliers of tracks', document['rows_set_aside'], unit='rows', causes=(
+            fit.tracks.objects[fit.tracks.object[first]] or 'stars',), evidence={
+                'of': document['rows'], 'first': float(fit.tracks.run['time'][first])}))
     *earlier, newest = power_ons(fit.tracks.run) or [None]
     for number in earlier:
         zeros = {name.split('[')[0]: tuple(v / ARCSEC for v in fit[name])

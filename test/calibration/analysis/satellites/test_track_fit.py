@@ -249,3 +249,87 @@ def test_each_power_on_has_a_zero():
     assert abs(value - 100.0 * ARCSEC) < 4.0 * sigma < 4.0 * ARCSEC
     notes = ' '.join(worded(track_document(fit))['notes'])
     assert 'The terms have the zeros of power-on 8, the newest. Those of power-on 7' in notes
+
+
+@pytest.mark.parametrize(('name', 'wrong', 'text'), [
+    ('height', 2000.0, 'height of the site'), ('latitude', 0.02 * DEG, 'latitude'),
+    ('longitude', -0.02 * DEG, 'longitude'), ('refraction', -0.1, 'refraction')])
+def test_what_all_satellites_share_is_named_before_an_orbit(name, wrong, text):
+    tracks = made_tracks(np.random.default_rng(15), FOUR)
+    x, y = wrong * tracks.common[name]
+    run = tracks.run
+    moved = replace(tracks, run=PointingRun(
+        {**run.columns, 'az_enc': run['az_enc'] + x / np.cos(run['el']),
+         'el_enc': run['el_enc'] + y}, run.meta))
+    fit = fit_without_faults(moved)
+    assert fit.left_out == () and fit.suspects == {} and agrees(fit)
+    first, *_ = notes = worded(track_document(fit))['notes']
+    assert 'Something that all rows share is off (over 99 %)' in first and text in first
+    assert not any('wrong along the track' in note for note in notes)
+    value, sigma = fit.notes[0][name]
+    assert abs(value - wrong) < 4.0 * sigma < abs(wrong)
+
+
+def test_a_clock_that_is_said_to_be_right_is_named_before_an_orbit():
+    fit = fit_without_faults(made_tracks(np.random.default_rng(16), FOUR, clock=0.2),
+                             clock_sigma=0.0)
+    assert fit.left_out == () and "station's clock +0.2" in worded(track_document(fit))['notes'][0]
+
+
+def test_what_site_and_air_move_is_that_of_places():
+    orbit = made_orbit('A01', 10.0)
+    when = passes(orbit, 1)[0][:3]
+    zero, star = np.zeros(4), load_catalogue(mag_limit=2.0).select([5])
+    shape = {'height': 300.0, 'latitude': 1e-4, 'longitude': -1e-4}
+
+    def rows(site, air=DEFAULT_WEATHER):
+        az, el = observed_place(star, when[:1], site, air)
+        return satellite_tracks(
+            {'time': [*when, when[0]], 'az': [*zero[:3], az[0]], 'el': [*zero[:3], el[0]],
+             'az_enc': zero, 'el_enc': zero}, ['A01'] * 3 + [''], {'A01': orbit}, site, air)
+    here = rows(SITE)
+    airless = rows(SITE, replace(DEFAULT_WEATHER, pressure_hpa=0.0))
+    moves = {name: (rows(replace(SITE, **{name: getattr(SITE, name) + step})), step)
+             for name, step in shape.items()} | {'refraction': (airless, -1.0)}
+    for name, (there, step) in moves.items():
+        moved = np.stack(((there.run['az'] - here.run['az']) * np.cos(here.run['el']),
+                          there.run['el'] - here.run['el'])) / step
+        size = np.abs(here.common[name]).max()
+        np.testing.assert_allclose(here.common[name], moved, atol=0.05 * size, err_msg=name)
+
+
+def test_a_part_of_a_pass_that_is_elsewhere_is_left_out_by_name():
+    """As rows of another satellite under its name are, at the same times."""
+    tracks = made_tracks(np.random.default_rng(17), FOUR)
+    rows = (tracks.arc == np.unique(tracks.arc)[2]) & (np.arange(len(tracks)) % 2 == 0)
+    fit = fit_without_faults(off(tracks, rows, 5.0 * DEG))
+    assert agrees(fit) and len(fit.tracks) == len(tracks) - rows.sum()
+    assert f'is left out with its {rows.sum()} rows' in worded(track_document(fit))['notes'][0]
+
+
+def test_stamps_of_whole_seconds_tell_no_clock():
+    rng = np.random.default_rng(18)
+    tracks = made_tracks(rng, FOUR)
+    assert np.all(tracks.run['time'] % 1.0 == 0.0) and 'clock' in track_document(fit_tracks(tracks))
+    run, late = tracks.run, rng.uniform(-0.5, 0.5, len(tracks))
+    x, y = tracks.clock * late
+    rounded = replace(tracks, run=PointingRun(
+        {**run.columns, 'az_enc': run['az_enc'] + x / np.cos(run['el']),
+         'el_enc': run['el_enc'] + y}, run.meta))
+    document = worded(track_document(fit_tracks(rounded)))
+    assert 'clock' not in document and 'Every time stamp is a whole second' in document['notes'][0]
+
+
+@pytest.mark.parametrize('signs', [(1, 1), (-1, 1), (1, -1), (-1, -1)])
+def test_miss_distances_of_the_opposite_sign_are_named(signs):
+    rng = np.random.default_rng(19)
+    tracks = made_tracks(rng, FOUR)
+    run, (x, y) = tracks.run, 6.0 * ARCSEC * rng.normal(size=(2, len(tracks)))
+    wrong = [2.0 * miss * (sign < 0) for miss, sign in zip((x, y), signs)]
+    taken = replace(tracks, run=PointingRun(
+        {**run.columns, 'miss_x': x, 'miss_y': y, 'el_enc': run['el_enc'] + wrong[1],
+         'az_enc': run['az_enc'] + wrong[0] / np.cos(run['el'])}, run.meta))
+    notes = ' '.join(worded(track_document(fit_tracks(taken)))['notes'])
+    named = ' and '.join(name for name, sign in zip(('miss_x', 'miss_y'), signs) if sign < 0)
+    assert (f'The sign of {named} looks reversed: the other sign would leave 1.' in notes) == bool(
+        named)
