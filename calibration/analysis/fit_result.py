@@ -323,6 +323,7 @@ def make_result(run, names, used, found, model, zeros, notes):
         'covariance_from': covariance_from,
         'rank': found.rank,
         'fitted_rms_arcsec': {'x': fitted.x, 'y': fitted.y, 'radial': fitted.radial},
+        **({} if sigmas is None else {'sigma_ratios': list(found.ratios)}),
         **notes,
     }
     open_directions = left_open.directions

@@ -24,6 +24,7 @@ from pointing_model.model import PointingModel
 from pointing_model.rms import rms
 from pointing_model.zero import PowerOnZero
 
+from ...rows import floored
 from ..diagnosis.mistaken_columns import check_columns
 from ..term_fit import fit_terms
 from .smoother import SmoothedNight
@@ -165,4 +166,9 @@ def _complete(run):
     star = columns.get('star')
     if star is None or np.asarray(star).dtype.kind not in 'fiu':
         columns['star'] = np.arange(1.0, n + 1.0)
+    for name in ('sigma_x', 'sigma_y'):  # one that is far below the others, as in a fit
+        if name in columns:
+            known = np.isfinite(columns[name])
+            columns[name] = np.array(columns[name], float)
+            columns[name][known] = floored(columns[name][known])
     return type(run)(columns, run.meta)

@@ -34,7 +34,7 @@ from pointing_model.zero import PowerOnZero
 from pointing_model.zero_held_terms import BROAD
 
 from ...distrust import distrusted
-from ...rows import is_kept_out
+from ...rows import LEAST_SIGMA, is_kept_out
 from ..camera_faults import SAME_ROWS
 from .history import PAST, RATES, Past, rate_weights_of
 from .innovations import Measurement
@@ -69,7 +69,9 @@ class TrackedNight:
     stamp : int
         When the model held, ns; rows up to then are in it.
     noise : (float, float), optional
-        1 sigma of a star along x and y, rad; by default what the model left of its own rows.
+        1 sigma of a star along x and y, rad, whose row has no ``sigma_x`` and ``sigma_y``; by
+        default what the model left of its own rows. Given ones count times what they were found
+        to be too small or too large by when the model was fitted.
     difference, lean : dict, optional
         Absolute - incremental encoder up to then, of `difference_of`, and what the base leans, of
         `lean_of`; None: it is no sensor.
@@ -95,6 +97,7 @@ class TrackedNight:
         self._began, self.zero, self._first_zero = _rounded(stamp * 1e-9), zero, zero
         self._rates = rates or model.provenance.get(RATES)
         noise = noise or _noise_of(model)
+        self._ratios = _ratios_of(self._evening)
         self._noise, self._difference, self._lean = tuple(noise), difference, lean
         self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
@@ -207,14 +210,16 @@ class TrackedNight:
             if self._lean and 'lean_north' in own and np.isfinite(own['lean_north'][0]):
                 self._take_sensor('inclinometer', stamp, (
                     float(own['lean_north'][0]), float(own['lean_west'][0]), self._lean['sigma']))
+            given = self._given_noise(own)
             update = self._take_star(stamp, (
-                float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
-                f'{own["star"][0]:.0f}', Context.from_run(own) if self._evening.effects else None))
+                float(own['az'][0]), float(own['el'][0]), *self._offsets(own),
+                given or self._noise, f'{own["star"][0]:.0f}',
+                Context.from_run(own) if self._evening.effects else None), given)
             self.updates.append(update)
             self._note(update)
         return self.updates
 
-    def _take_star(self, stamp, values):
+    def _take_star(self, stamp, values, given):
         """To the tracker; one of the first of a night to what it is made of."""
         start = self._warm_start
         if start is None:
@@ -223,7 +228,7 @@ class TrackedNight:
         if not update.taken:
             return update
         *place_and_offset, _, _, context = values
-        start.take(*place_and_offset, context)
+        start.take(*place_and_offset, context, given)
         self._tracker = self._tracker_of(start.model(), stamp)
         self._tracker.filter.count = start.stars
         self._started = start.document()
@@ -338,6 +343,13 @@ class TrackedNight:
                 self._take_sensor('difference', stamp, (
                     axis, first + float(wrap(read - first)), self._difference['sigma'][axis]))
 
+    def _given_noise(self, row):
+        """Of a row that has its own, (x, y), rad; None of others."""
+        given = [float(row.get(f'sigma_{axis}', [np.nan])[0]) for axis in 'xy']
+        if not all(np.isfinite(one) and one > LEAST_SIGMA for one in given):
+            return None
+        return tuple(one * ratio for one, ratio in zip(given, self._ratios))
+
     def _offsets(self, row):
         x, y = PointingRun({**row.columns, **{
             f'{axis}_enc': row[f'{axis}_enc'] - angle
@@ -417,3 +429,14 @@ def _noise_of(model):
     except (TypeError, KeyError, ValueError):
         return NOISE, NOISE
     return noise if min(noise) > 0.0 and np.isfinite(noise).all() else (NOISE, NOISE)
+
+
+def _ratios_of(model):
+    """What sigmas that are given are multiplied by, of x and y: as the fit of the model found."""
+    ratios = model.provenance.get('sigma_ratios')
+    try:
+        ratios = tuple(map(float, ratios))
+    except (TypeError, ValueError):
+        return 1.0, 1.0
+    good = len(ratios) == 2 and np.isfinite(ratios).all() and min(ratios) > 0.0
+    return ratios if good else (1.0, 1.0)

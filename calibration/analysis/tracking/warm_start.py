@@ -78,7 +78,7 @@ class NightStart:
         return max(self.chances, key=self.chances.get)
 
 
-def begin(past, columns, offsets, *, mount=ALTAZ):
+def begin(past, columns, offsets, noise=None, *, mount=ALTAZ):
     """Tonight's terms from a few stars and the past.
 
     Parameters
@@ -89,6 +89,8 @@ def begin(past, columns, offsets, *, mount=ALTAZ):
         Of the stars, see `history.rows_of`.
     offsets : ndarray, shape (n, 2)
         rad.
+    noise : ndarray, shape (n, 2), optional
+        1 sigma of each, rad; by default that of `past`.
     mount : Mount
 
     Returns
@@ -114,8 +116,10 @@ def begin(past, columns, offsets, *, mount=ALTAZ):
         [as_it_was, moved, moved + np.diag(leans**2), *wide],
         np.zeros((len(shares), len(names), len(names))), shares, outliers=_WRONG,
         outlier_sigma=_WRONG_SIGMA, depth=len(offsets) + 1, most=64)
-    for column, offset in zip(columns, offsets):
-        start.observe(column, offset, np.full(2, past.noise))
+    if noise is None:
+        noise = np.full(offsets.shape, past.noise)
+    for one in zip(columns, offsets, noise):
+        start.observe(*one)
     mean, covariance = start.estimate()
     weights = start.rate_weights()
     return NightStart(dict(zip(names, mean.tolist())), covariance,
@@ -142,7 +146,7 @@ class WarmStart:
         # deviations from the last night
         self._past = replace(past, mean=past.mean - past.last, last=np.zeros(len(past.last)))
         self._last = past.last
-        self._columns, self._stars = [], []
+        self._columns, self._stars, self._noise = [], [], []
 
     @property
     def stars(self):
@@ -154,24 +158,26 @@ class WarmStart:
         """Whether a `Tracker` goes on from here."""
         return self.stars >= STARS
 
-    def take(self, az, el, x, y, context=None):
+    def take(self, az, el, x, y, context=None, sigma=None):
         """Take a star; what they all say by now, `NightStart`.
 
         Parameters
         ----------
-        az, el, x, y, context
-            As of `Tracker.star`.
+        az, el, x, y, context, sigma
+            As of `Tracker.star`; without `sigma` the noise is that of the nights before.
         """
         self._columns.append(np.stack(design(self._past.names, np.atleast_1d(az),
                                              np.atleast_1d(el), self._model.mount), axis=1)[0])
         self._stars.append((az, el, np.array([x, y]), context))
+        self._noise.append((self._past.noise,) * 2 if sigma is None else sigma)
         columns, off = np.array(self._columns), np.zeros(len(self._last))
         for _ in range(_ROUNDS):
             base = self._with(self._last + off, self._past.covariance)
             offsets = np.array([
                 offset - base.offsets(own_az, own_el, own)
                 for own_az, own_el, offset, own in self._stars]) + columns @ off
-            self.start = begin(self._past, columns, offsets, mount=self._model.mount)
+            self.start = begin(self._past, columns, offsets, np.array(self._noise),
+                               mount=self._model.mount)
             off = np.array(list(self.start.terms.values()))
         return self.start
 

@@ -88,6 +88,20 @@ def test_it_begins_anew_from_a_fit():
     assert off(*pair(state))[0] == pytest.approx(80.0, abs=4.0)
 
 
+@pytest.mark.parametrize('given', [2.0, 20.0])
+def test_a_row_with_sigmas_counts_by_them_and_by_what_the_fit_found(given):
+    both = {f'sigma_{axis}': np.full(24, 0.1 * ARCSEC) for axis in 'xy'}
+    state = CalibrationState(mode='track')
+    feed(state, rows(24, **both))
+    state.fit()
+    ratios = state.model.provenance['sigma_ratios']
+    assert ratios == pytest.approx([10.0, 10.0], rel=0.5)
+    one = rows(1, 3, begin=24, **{name: np.array([given * ARCSEC]) for name in both})
+    feed(state, one)
+    noise = state.tracked.updates[0].row[2]
+    assert noise == pytest.approx(np.multiply(given * ARCSEC, ratios))
+
+
 def test_rows_to_judge_by_satellites_and_a_frozen_camera_are_left_out():
     night = TrackedNight(MOUNT, PowerOnZero(0.0, 0.0, run=1.0), START)
     assert night.take(rows(3, check=np.ones(3))) == []

@@ -26,6 +26,7 @@ from calibration.report.track_page import render_track
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import Mount
+from pointing_model.rms import rms
 
 
 def drifting():
@@ -49,6 +50,24 @@ def test_a_mount_that_drifts_and_slips_is_followed():
     truth = 310.0 + np.arange(15, 60) + 60.0 * (np.arange(15, 60) >= 45)
     sigma = back.sigma[:, back.names.index('IA')] / ARCSEC
     assert np.mean(np.abs(ia - truth) < 3.0 * sigma) > 0.9
+
+
+def test_each_star_counts_by_its_own_sigma():
+    run, rng = rows(60, 11, drift=1.0), np.random.default_rng(2)
+    poor = rng.uniform(size=60) < 0.5
+    for axis, factor in (('az', np.cos(run['el'])), ('el', 1.0)):
+        run.columns[f'{axis}_enc'] = run[f'{axis}_enc'] + (
+            30.0 * ARCSEC * rng.normal(size=60) * poor / factor)
+    sigma = np.where(poor, 30.0, 1.0) * ARCSEC
+
+    def good(run):  # what the good stars were missed by, arcsec
+        found = track_run(run, first=15)
+        return rms(*found.live[~poor[found.rows]].T) / ARCSEC
+    without, right, small, large = (good(run.__class__(
+        run.columns | {f'sigma_{axis}': times * sigma for axis in 'xy' if times}, run.meta))
+        for times in (None, 1.0, 0.1, 10.0))
+    assert right < 0.5 * without
+    assert max(small, large) < 1.3 * right  # times what the fit finds
 
 
 def test_the_order_of_the_rows_is_that_of_their_times():

@@ -125,6 +125,19 @@ def test_an_encoder_switched_on_among_the_first_stars_is_told_of(foretold):
     assert terms['IE'] / ARCSEC == pytest.approx(30.0, abs=6.0)
 
 
+def test_the_first_stars_count_by_their_own_sigmas(foretold):
+    first = night(10, {'IA': 50.0}, 7).select(np.arange(5))
+    first.columns['az_enc'][2] += 40.0 * ARCSEC / np.cos(first['el'][2])
+    off = []
+    for sigma in (1.0, 60.0):
+        both = np.where(np.arange(5) == 2, sigma, 1.0) * ARCSEC
+        state = tracked(foretold, PointingRun(
+            first.columns | {'sigma_x': both, 'sigma_y': both}, first.meta))
+        off.append(abs(state.tracked.model(0).terms['IA'] / ARCSEC - 50.0
+                       - foretold.terms['IA'] / ARCSEC))
+    assert off[1] < off[0]
+
+
 def test_the_track_of_a_whole_run_can_be_seen_in_hindsight(foretold):
     rows = night(10, {'IA': 50.0}, 7)
     whole = TrackedNight(foretold, PowerOnZero(0.0, 0.0), int(rows['time'][0] * 1e9) - 10**9)
