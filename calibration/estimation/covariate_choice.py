@@ -28,7 +28,8 @@ covariates is tried in three views, and what is claimed holds in each of them:
 
 In each view the epochs of the series are permuted, both axes together, and the best fit of any set
 to any axis is what every fit is compared with (Westfall & Young 1993, the step-wise maximum of
-p-values): a p holds for all covariates and both axes at once.
+p-values): a p holds for all covariates and both axes at once. Where epochs have errors of their
+own, what is permuted and fitted are values in units of their scatter.
 """
 
 from itertools import combinations, permutations
@@ -37,6 +38,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .extra_scatter import whitening
 from .step_scan import two_sided
 
 #: covariates that are tried at once: two, of a dozen epochs
@@ -80,7 +82,7 @@ def fewest_epochs(alpha):
     return n
 
 
-def choose_covariates(series, covariates, when, alpha, count=999, seed=1):
+def choose_covariates(series, covariates, when, alpha, count=999, seed=1, *, variances=None):
     """What the series of both axes follow.
 
     Parameters
@@ -97,6 +99,8 @@ def choose_covariates(series, covariates, when, alpha, count=999, seed=1):
         Permutations beside the order as it was; all of them where there are no more.
     seed : int
         Of their choice.
+    variances : ndarray, shape (n, 2), optional
+        Of the errors of the series; by default all epochs weigh the same.
 
     Returns
     -------
@@ -107,8 +111,11 @@ def choose_covariates(series, covariates, when, alpha, count=999, seed=1):
     if m == 0 or n < fewest_epochs(alpha):
         return CovariateChoice(nothing, nothing, nothing, np.ones(2), np.ones(2))
     sets = [s for k in range(1, min(MOST, m) + 1) for s in combinations(range(m), k)]
-    views = [_View(series, covariates, None, sets), _View(series, covariates, when, sets),
-             _View(np.diff(series, axis=0), np.diff(covariates, axis=1), None, sets)]
+    if variances is None:
+        variances = np.zeros((n, 2))
+    views = [_View(series, covariates, None, sets, variances),
+             _View(series, covariates, when, sets, variances),
+             _View(np.diff(series, axis=0), np.diff(covariates, axis=1), None, sets, variances)]
     p_views = np.array([view.p_values(count, seed) for view in views])  # view, set, axis
     p_all = p_views.max(axis=0)
     best_first = np.argsort(views[0].log_p, axis=0, kind='stable')
@@ -148,16 +155,31 @@ def _causes(views, sets, order, p_all, axis, alpha):
 
 
 class _View:
-    """Series (n, 2), covariates (m, n, 2) and a curve (n,) to be taken out of both, or None."""
+    """Series (n, 2), covariates (m, n, 2) and a curve (n,) to be taken out of both, or None.
 
-    def __init__(self, series, covariates, curve, sets):
-        self._free, self._curve = len(series) - 1, np.zeros(len(series))
+    All in units of the scatter of each epoch, by the variances of the errors of the epochs, (n, 2)
+    or, of differences, (n + 1, 2).
+    """
+
+    def __init__(self, series, covariates, curve, sets, variances):
+        n = len(series)
+        taken_out = np.ones((n, 1))
         if curve is not None:
-            self._curve = (curve - curve.mean()) / np.linalg.norm(curve - curve.mean())
-            self._free -= 1
-        self._series = self._without(series)
-        columns = self._without(np.moveaxis(covariates, 0, 1))  # n, m, axis
-        self._columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+            curve = (curve - curve.mean()) / np.linalg.norm(curve - curve.mean())
+            taken_out = np.column_stack([taken_out, curve])
+        self._free = n - taken_out.shape[1]
+        columns = np.moveaxis(covariates, 0, 1)  # n, m, axis
+        self._taken_out = []  # of each axis, orthonormal, (n, 1 or 2)
+        self._series, self._columns = np.empty((n, 2)), np.empty(columns.shape)
+        for axis in range(2):
+            own = columns[..., axis]
+            alike = whitening(
+                series[:, axis], np.column_stack([taken_out, own - own.mean(axis=0)]),
+                variances[:, axis], differences=len(variances) > n)
+            self._taken_out.append(np.linalg.qr(alike @ taken_out)[0])
+            self._series[:, axis] = self._without(alike @ series[:, axis], axis)
+            self._columns[..., axis] = self._without(alike @ own, axis)
+        self._columns /= np.maximum(np.linalg.norm(self._columns, axis=0), 1e-300)
         self._sizes = np.array([len(s) for s in sets])
         #: of each axis and set orthonormal directions, none where one depends on others
         self._directions = [np.stack([_orthonormal(self._columns[:, s, axis]) for s in sets], 1)
@@ -166,14 +188,15 @@ class _View:
         self.log_p = np.stack([self._log_p(self._shares(self._series[:, axis], axis), self._sizes)
                                for axis in range(2)], axis=-1)
 
-    def _without(self, values):
-        values = values - values.mean(axis=0)
-        return values - np.multiply.outer(self._curve, np.tensordot(self._curve, values, axes=1))
+    def _without(self, values, axis):
+        out = self._taken_out[axis]
+        return values - out @ (out.T @ values)
 
     def _shares(self, values, axis):
         """Of `values` (..., n) explained by each set, (..., sets)."""
         parts = np.square(np.tensordot(values, self._directions[axis], axes=1)).sum(axis=-1)
-        total = np.sum(np.square(values), axis=-1) - np.square(values @ self._curve)
+        total = np.sum(np.square(values), axis=-1) - np.square(
+            values @ self._taken_out[axis]).sum(axis=-1)
         # what does not move follows nothing
         return parts / np.maximum(total, 1e-300)[..., None]
 

@@ -28,7 +28,9 @@ from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
 from ...estimation.covariate_choice import CovariateChoice, choose_covariates, fewest_epochs
+from ...estimation.extra_scatter import whitening
 from ...estimation.step_scan import student_factor
+from ...rows import floored
 from ..finding import Finding
 
 AXES = ('azimuth', 'elevation')
@@ -61,7 +63,8 @@ class Season:
     time : ndarray, shape (n,)
         When, s; where it is not known of each, their order counts.
     zeros, sigmas : ndarray, shape (n, 2)
-        Azimuth and elevation (coordinate angles) from one common origin, and their errors, rad.
+        Azimuth and elevation (coordinate angles) from one common origin, and their errors, rad,
+        by which they weigh, with a scatter beyond them; NaN: as the others' middle.
     covariates : dict of str to ndarray, shape (n, 2)
         By the names of `COVARIATES`, as each axis has them; NaN where unknown.
     """
@@ -83,7 +86,7 @@ class Season:
 
 @dataclass(frozen=True)
 class _Line:
-    """Zero of an axis = level + slopes · covariates, from n nights."""
+    """Zero of an axis = level + slopes · covariates, from n nights of `weights` of mean 1."""
 
     names: tuple
     origin: np.ndarray
@@ -91,8 +94,9 @@ class _Line:
     slopes: np.ndarray
     inverse: np.ndarray  # of the normal matrix, (k, k)
     n: int
-    rms: float  # unexplained, of one night
+    rms: float  # unexplained, of one night of weight 1
     dof: int
+    weights: np.ndarray
 
     def at(self, values):
         """Zero and its 1-sigma, where the covariates are `values`, shape (k,)."""
@@ -106,15 +110,30 @@ def _fit(season, axis, names):
     zeros = season.zeros[:, axis]
     values = np.array([season.covariates[name][:, axis] for name in names])
     values = values.reshape(len(names), len(zeros))
-    origin = values.mean(axis=1)
+    middle = (values - values.mean(axis=1, keepdims=True)).T
+    weights = np.square(np.diag(whitening(
+        zeros, np.column_stack([np.ones(len(zeros)), middle]), _variances(season)[:, axis])))
+    weights /= weights.mean()
+    origin = np.average(values, axis=1, weights=weights)
     design = (values - origin[:, np.newaxis]).T
-    inverse = np.linalg.pinv(design.T @ design) if names else np.zeros((0, 0))
-    level = float(zeros.mean())
-    slopes = inverse @ design.T @ (zeros - level)
+    weighted = weights * design.T
+    inverse = np.linalg.pinv(weighted @ design) if names else np.zeros((0, 0))
+    level = float(np.average(zeros, weights=weights))
+    slopes = inverse @ weighted @ (zeros - level)
     left = zeros - level - design @ slopes
     dof = len(zeros) - 1 - len(names)
-    rms = float(np.sqrt(left @ left / dof)) if dof > 0 else np.nan
-    return _Line(tuple(names), origin, level, slopes, inverse, len(zeros), rms, dof)
+    rms = float(np.sqrt(weights @ np.square(left) / dof)) if dof > 0 else np.nan
+    return _Line(tuple(names), origin, level, slopes, inverse, len(zeros), rms, dof, weights)
+
+
+def _variances(season):
+    """Of the errors of the zeros, shape (n, 2); one that is unknown is as the others' middle."""
+    out = np.zeros(season.sigmas.shape)
+    for axis, sigmas in enumerate(season.sigmas.T):
+        known = np.isfinite(sigmas) & (sigmas > 0.0)
+        if known.any():
+            out[:, axis] = np.square(floored(np.where(known, sigmas, np.median(sigmas[known]))))
+    return out
 
 
 def usable_covariates(season):
@@ -215,7 +234,8 @@ def _choice(season, names, alpha, seed):
     when = season.time
     if not (np.isfinite(when).all() and np.all(np.diff(when) > 0.0)):
         when = np.arange(float(len(season)))  # their order is known all the same
-    found = choose_covariates(season.zeros, covariates[moving], when, alpha, seed=seed)
+    found = choose_covariates(season.zeros, covariates[moving], when, alpha, seed=seed,
+                              variances=_variances(season))
 
     def named(places):
         return tuple(tuple(names[moving[i]] for i in axis) for axis in places)
@@ -236,7 +256,7 @@ def _left_out(season, names, alpha, seed):
         for axis in range(2):
             line = _fit(others, axis, causes[axis])
             values = np.array([season.covariates[n][night, axis] for n in causes[axis]])
-            before[night, axis] = season.zeros[night, axis] - others.zeros[:, axis].mean()
+            before[night, axis] = season.zeros[night, axis] - _fit(others, axis, ()).level
             after[night, axis] = season.zeros[night, axis] - line.at(values)[0]
     return before, after
 
@@ -315,7 +335,7 @@ def _axis(axis, found, line, used, names, enough, errors):
         'verdict': verdict, 'p': float(found.p[axis]) if tested else None,
         'p_levels': float(found.p_levels[axis]) if tested else None,
         'causes': [], 'alike': list(alike or trend),
-        'std_arcsec': float(used.zeros[:, axis].std(ddof=1)) / ARCSEC if known else None,
+        'std_arcsec': _fit(used, axis, ()).rms / ARCSEC if known else None,
         'measured_arcsec': rms(used.sigmas[:, axis]) / ARCSEC
         if known and np.isfinite(used.sigmas[:, axis]).all() else None,
         'unexplained_arcsec': line.rms / ARCSEC if known else None,
@@ -334,7 +354,7 @@ def _axis(axis, found, line, used, names, enough, errors):
                               'zero follows nothing', causes=alike or trend)
     if errors is not None:
         out['left_out_before_arcsec'], out['left_out_after_arcsec'] = (
-            rms(e[:, axis]) / ARCSEC for e in errors)
+            rms(np.sqrt(line.weights) * e[:, axis]) / ARCSEC for e in errors)
     return out
 
 

@@ -66,6 +66,31 @@ def test_temperature_and_supply_are_found_with_their_slopes():
     assert any('constant' in line and 'last power-on' in line for line in found['not_tried'])
 
 
+def unequal(seed, times=1.0, slope=3.0, n=12):
+    """Every other zero with an error of 20 arcsec, the others of 1; `times`: as it is given."""
+    given = season(seed, n, slope=slope, noise=0.0)
+    sigmas = np.where(np.arange(n) % 2, 20.0, 1.0)[:, None] * np.ones(2) * ARCSEC
+    noise = np.random.default_rng(seed + 1000).normal(size=(n, 2))
+    return replace(given, zeros=given.zeros + sigmas * noise, sigmas=times * sigmas)
+
+
+@pytest.mark.parametrize('times, known', [(0.05, 0.7), (1.0, 0.2), (3.0, 0.2)])
+def test_zeros_weigh_by_their_errors(times, known):
+    found = zero_causes(unequal(1, times), {'temperature': [5.0, 5.0]}, leave_out=False)
+    (cause,), tonight = found['axes']['azimuth']['causes'], found['tonight']['azimuth']
+    assert cause['slope_arcsec'] == pytest.approx(3.0, abs=3.0 * cause['sigma_arcsec'])
+    assert cause['sigma_arcsec'] < known
+    assert tonight['zero_arcsec'] == pytest.approx(15.0, abs=3.0 * tonight['sigma_arcsec'])
+
+
+def test_an_unknown_error_is_as_the_others_and_equal_ones_change_nothing():
+    plain = season(2, slope=3.0)
+    by = [zero_causes(replace(plain, sigmas=sigmas * ARCSEC), leave_out=False)['axes']['azimuth'][
+        'causes'] for sigmas in (np.full((11, 2), 0.3), np.full((11, 2), np.nan), np.where(
+            np.arange(11)[:, None] == 4, np.nan, 7.0) * np.ones(2))]
+    assert by[0] == by[1] == by[2]
+
+
 def test_both_covariates_at_once_are_found_on_one_axis():
     rng = np.random.default_rng(3)
     supply = 5.0 + rng.normal(0.0, 0.1, (13, 2))
