@@ -114,9 +114,9 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     if exclude:
         run = without_excluded(run, exclude)
     if graduation:
-        run.meta['graduation'] = declared_graduation(graduation)
+        run.meta['graduation'] = declared_graduation(graduation, run.mount.names)
     if worms:
-        run.meta['worms'] = declared_worms(worms)
+        run.meta['worms'] = declared_worms(worms, run.mount.names)
     if drivers:
         run.meta['drivers'] = _drivers(path, run, drivers)
     return run

@@ -24,7 +24,7 @@ from pointing_model.sky.places import SIDEREAL
 
 from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, on_axis
 from .drifts import several_runs
-from .graduation import BY_COLUMN, is_gear
+from .graduation import declared_axis, is_gear
 
 _TURN = 2.0 * np.pi
 #: reductions of strain-wave drives (ratios that the makers of their gears list). They err twice a
@@ -41,13 +41,15 @@ _SIGNALS = '; of an encoder with so many lines the offset, amplitude and phase o
 TAPE_MARGIN = 0.01
 
 
-def declared_worms(given):
+def declared_worms(given, names=None):
     """Teeth of worm wheels, as the one who gives the run declares them.
 
     Parameters
     ----------
     given : str or dict
         ``ha=180``: periods in a turn of that axis; ``ha=180, dec=144``; or what this returned.
+    names : mount_kinds.MountKind, optional
+        As of `graduation.declared_axis`.
 
     Returns
     -------
@@ -64,7 +66,7 @@ def declared_worms(given):
         given = {name.strip(): value.strip() for name, _, value in parts}
     out = {}
     for name, value in given.items():
-        axis = BY_COLUMN.get(name, name)
+        axis = declared_axis(name, f'worm {name}={value}', names)
         try:
             number = float(value)
         except (TypeError, ValueError):

@@ -38,7 +38,29 @@ _EACH = {'grating': 'each line of its grating', 'bars': 'each bar of its disc'}
 _ALL = {'grating': 'lines of the grating', 'bars': 'bars of the disc'}
 
 
-def declared_graduation(given):
+def declared_axis(name, what, names=None):
+    """``az`` or ``el`` of a word for an axis, else the word.
+
+    Parameters
+    ----------
+    name, what : str
+        The word; what it is given of, for the message.
+    names : mount_kinds.MountKind, optional
+        Of the mount: only its own words are taken.
+
+    Raises
+    ------
+    ValueError
+        The axis of another mount.
+    """
+    if names is not None and name in BY_COLUMN and name not in names.columns:
+        (first, second), words = names.columns, names.axes
+        raise ValueError(f'{what}: {names.words} has no axis {name}; its axes are {first} '
+                         f'({words[0]}) and {second} ({words[1]})')
+    return BY_COLUMN.get(name, name)
+
+
+def declared_graduation(given, names=None):
     """What the axes' encoders are graduated with, as the one who gives the run declares it.
 
     Parameters
@@ -46,6 +68,8 @@ def declared_graduation(given):
     given : str or dict
         ``grating=47200``: lines in a turn, on both axes; ``az.grating=47200, el.bars=1080``: axis
         by axis. Or a dict of the same names, or what this function returned.
+    names : mount_kinds.MountKind, optional
+        As of `declared_axis`.
 
     Returns
     -------
@@ -66,7 +90,7 @@ def declared_graduation(given):
             value = [(name, kind, lines) for kind, lines in value.items()]
         else:
             axis, _, kind = name.rpartition('.')
-            axis = BY_COLUMN.get(axis, axis)
+            axis = declared_axis(axis, f'graduation {name}={value}', names)
             value = [(one, kind, value) for one in ([axis] if axis else AXES)]
         for axis, kind, lines in value:
             if axis not in AXES or kind not in _KINDS:

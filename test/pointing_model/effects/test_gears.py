@@ -85,6 +85,14 @@ def test_a_declared_worm_is_looked_for_in_the_dictionary():
             declared_worms(bad)
 
 
+@pytest.mark.parametrize('declare, given', [
+    (declared_worms, 'az=180'), (declared_graduation, 'el.grating=47200')])
+def test_an_axis_of_another_mount_is_refused(declare, given):
+    with pytest.raises(ValueError, match='a German mount has no axis .* ha .hour angle. and dec'):
+        declare(given, GERMAN.names)
+    assert declare(given.replace('az', 'ha').replace('el', 'dec'), GERMAN.names) == declare(given)
+
+
 def test_a_tape_is_declared_by_about_its_lines():
     assert declared_graduation('ha.tape=12000')['az'] == {'tape': 12000}
     names = {e.name for e in dictionary(Context.from_run(run_of(graduation='tape=12000')))[0]}
