@@ -23,6 +23,7 @@ from calibration.analysis.diagnosis.residual_patterns import PATTERNS
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word, readable
 from pointing_model.mounts import is_beyond
+from pointing_model.runs.columns.row_checks import WHOLE
 from pointing_model.runs.columns.run_table import AS_NAMED
 
 from . import figure_wording, observation_wording, row_wording
@@ -196,6 +197,7 @@ def view_of(diagnosis, document=None):
     effects = [_found(diagnosis, e) for e in diagnosis.effects]
     summaries, caution = [e.summary for e in effects], paragraph(diagnosis.cautions)
     headline, sentences = verdict_sentences(document, summaries, limit=20, caution=caution)
+    notes = list(dict.fromkeys(map(wording, diagnosis.notes)))
     names, matrix = diagnosis.correlations
     floor = figure_wording.floor_words(document)
     causes = observation_wording.causes_of(document)
@@ -204,7 +206,7 @@ def view_of(diagnosis, document=None):
         _drivers(diagnosis, effects), effects, _ranking(diagnosis, context.mount),
         _terms(diagnosis),
         summary_of(document, [e.title for e in effects], [one.reach_arcsec for one in summaries],
-                   [*filter(None, [caution]),
+                   [*filter(None, [caution]), *(note for note in notes if note.endswith(WHOLE)),
                     *(wording(one) for one in diagnosis.notes
                       if getattr(one, 'kind', '') in PATTERNS)]),
         sentences=[headline, *sentences], badge=_badge(document),
@@ -213,7 +215,7 @@ def view_of(diagnosis, document=None):
         model=figure_wording.model_words(document, whose=False), floor=floor,
         choice=figure_wording.choice_sentence(document),
         expected=row_wording.expected_sentence(document),
-        notes=list(dict.fromkeys(map(wording, diagnosis.notes))), page_notes=_page_notes(diagnosis),
+        notes=notes, page_notes=_page_notes(diagnosis),
         signs=row_wording.signs_sentences(diagnosis.columns_alike, context.mount.names,
                                           obs.run.meta.get('taken', AS_NAMED)),
         left_out=row_wording.left_out_lines(diagnosis.excluded, len(obs.runs) > 1,

@@ -15,6 +15,7 @@
 """What the terminal says of a fit to a measured run."""
 
 from pointing_model.effects.base import readable
+from pointing_model.runs.columns.row_checks import WHOLE
 
 from .bolt_wording import alignment_lines
 from .fit_wording import VALIDATED, origin_sentence
@@ -69,10 +70,12 @@ def fit_tables(found, document, verbose=True, files=0):
         alarms.append('more than a third of the rows is left out: see why before you use the '
                       'terms')
     alarms += map(wording, result.open_directions)
+    whole = [note for note in document['notes'] if note.endswith(WHOLE)]
+    alarms += [f'caution: {note}' for note in whole]
     if document['polar_axis']:
         urgent.append(' '.join(alignment_lines(document['polar_axis'])))
     details = [*left_out_lines(document['excluded'], word=document['rows_are']),
-               *(f'note: {note}' for note in document['notes'])]
+               *(f'note: {note}' for note in document['notes'] if note not in whole)]
     if found.origin is not None:
         details.append(f'sides of the pier: {origin_sentence(found.origin)}')
     strong = _strong_correlations(result)

@@ -95,6 +95,20 @@ def test_a_clean_run_is_left_alone(tmp_path, capsys):
     assert 'No significant error beyond the seven terms' not in out
 
 
+def test_a_column_that_is_left_out_whole_is_a_caution(tmp_path, capsys):
+    run = tmp_path / 'clean.csv'
+    night(run, 5)
+    head, *rows = run.read_text().split()
+    run.write_text('\n'.join([f'{head},temperature_c', *(
+        f'{row},{288.0 + 0.01 * k:.2f}' for k, row in enumerate(rows))]))
+    for command in 'diagnose', 'fit':
+        assert main([command, str(run)]) == 0
+        told = ' '.join(capsys.readouterr().out.split())
+        assert 'caution: temperature_c is outside -100 to 100 degrees Celsius in all rows' in told
+        assert 'looks like kelvin (subtract 273.15): the whole column is taken as' in told
+        assert 'it is empty' not in told
+
+
 def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):
     path = Path(night(tmp_path / 'run.csv', 3, 8.0))
     lines = path.read_text().splitlines()
@@ -196,6 +210,8 @@ def test_above_a_third_left_out_is_no_result(tmp_path, capsys):
 @pytest.mark.parametrize('arguments, text', [
     (['{run}', '--sessions', '-1'], 'gaps of -1 h'),
     (['{run}', '--graduation', 'grating=27.5'], 'number of lines'),
+    (['{run}', '--worm', 'ha=180'], 'no axis ha; its axes are az (azimuth)'),
+    (['{run}', '--graduation', 'dec.grating=47200'], 'no axis dec; its axes are az (azimuth)'),
     (['{run}', '--cause', 'wind'], 'no column wind'),
     (['nowhere.csv'], 'No such file'),
     (['{run}', '--base', 'magic'], 'magic'),

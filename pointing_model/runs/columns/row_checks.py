@@ -32,6 +32,9 @@ _TURN = 2.0 * np.pi
 _QUARTER = ELEVATION_LIMITS[1] * DEG
 #: a number outside was not measured
 _LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 1200.0, 'hPa')}
+_KELVIN = (230.0, 330.0)
+#: ends the note on a column of which nothing is used
+WHOLE = 'the whole column is taken as not measured'
 _WRITTEN = 20_000  # rows that are kept as they were written
 _NAMED = 5  # rows whose copies are listed by the line of each
 _LARGEST = 1e50  # squares and their sums stay finite
@@ -213,7 +216,7 @@ def blank_absurd(table):
 
     Where a number is needed, its row is left out.
     """
-    for name, values in table.columns.items():
+    for name, values in list(table.columns.items()):
         if values.dtype.kind != 'f' or name in (*REQUIRED, 'time', 'run', 'star', 'block'):
             continue
         low, high, unit = _LIMITS.get(name, (-_LARGEST, _LARGEST, ''))
@@ -224,10 +227,19 @@ def blank_absurd(table):
         if name in SPECIAL or name in _SIGMAS:
             table.exclude(absurd, text)
             continue
-        table.columns[name] = np.where(absurd, np.nan, values)
         i = int(np.argmax(absurd))
-        table.meta['notes'].append(f'{text} in {absurd.sum()} of {len(values)} rows, first in row '
-                                   f'{table.lines[i]} ({values[i]:g}): taken as not measured')
+        where = f'first in row {table.lines[i]} ({values[i]:g})'
+        if absurd[(table.reasons == 0) & np.isfinite(values)].all():
+            kelvin = name == 'temperature' and (
+                (values[absurd] > _KELVIN[0]) & (values[absurd] < _KELVIN[1])).all()
+            table.meta['notes'].append(
+                f'{text} in all rows, {where}'
+                f'{", and looks like kelvin (subtract 273.15)" if kelvin else ""}: {WHOLE}')
+            del table.columns[name]
+            continue
+        table.columns[name] = np.where(absurd, np.nan, values)
+        table.meta['notes'].append(f'{text} in {absurd.sum()} of {len(values)} rows, {where}: '
+                                   'taken as not measured')
 
 
 def flag_rows(table, mount):
