@@ -33,6 +33,7 @@ from .reading_fits import FEW, MOST_LEFT_OUT, ReadingFits
 from .readings import (
     MIRRORED,
     NEGATED,
+    SIGNS,
     SOUTH,
     Reading,
     double_readings,
@@ -188,7 +189,8 @@ class _RunCheck:
                     other.reading == NEGATED):
                 return True
             out.alike.append(other.text)
-        elif not other.reading.elsewhere and other.as_good_as(written, _ALIKE, _AS_LIKELY):
+        elif other.reading in SIGNS and other.as_good_as(written, _ALIKE, _AS_LIKELY):
+            # of others a fit as good is no doubt: of a mount that drifts some one often fits so
             out.alike.append(other.text)
         return False
 

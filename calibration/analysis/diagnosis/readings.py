@@ -230,6 +230,8 @@ class Reading:
 MIRRORED = Reading(('reversed',), ('reversed',))
 #: the same by its second angle, but for gravity and the horizon
 NEGATED = Reading(('negative',), ('negative',))
+#: readings that differ by signs, as no run can tell
+SIGNS = (MIRRORED, NEGATED, Reading(exchanged=True))
 #: an azimuth zero this near to half a turn is one of the south, radians
 SOUTH = 1.5 * DEG
 
@@ -269,7 +271,7 @@ def without_signs(alike, names=ALTAZ.names):
     -------
     list of str
     """
-    signs = {one.text(names=names) for one in (MIRRORED, NEGATED, Reading(exchanged=True))}
+    signs = {one.text(names=names) for one in SIGNS}
     return [text for text in alike if text not in signs]
 
 

@@ -161,6 +161,17 @@ def test_mount_and_catalogue_exchanged_show_where_the_terms_are_large():
         check_columns(run_of((az_enc, el_enc, az, el)))
 
 
+def test_a_drift_is_no_doubt_of_the_columns():
+    rng = np.random.default_rng(45)  # read in gradians the run fits 1.2 times as well
+    az, el = rng.uniform(0.0, 2.0 * np.pi, 80), np.arcsin(rng.uniform(0.26, 0.996, 80))
+    drift = np.linspace(0.0, 67.0, 80)
+    x, y = ARCSEC * (rng.normal(size=(2, 80)) + [np.zeros(80), drift])
+    model = PointingModel({'IA': 500.0 * ARCSEC, 'AN': 15.0 * ARCSEC, 'AW': -20.0 * ARCSEC})
+    az_enc, el_enc = model.sky_to_encoder(az, el)
+    checked = check_columns(run_of((az, el, az_enc + x / np.cos(el), el_enc + y)))
+    assert checked.doubts(Mount().names) == []
+
+
 @pytest.mark.parametrize('latitude, noise, told', [
     (-35.3, 0.0, False), (-35.3, 1.0, False), (-77.0, 0.0, False), (35.3, 0.0, False),
     (-5.0, 0.0, True), (-5.0, 1.0, True)])
