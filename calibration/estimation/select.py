@@ -426,8 +426,7 @@ def _replacements(problem, choice, without):
 
 
 def _bic_between(small, large):
-    """2 ln(likelihood ratio) of nested fits, at the weights of the larger."""
-    n = small.n
-    w = np.concatenate((large.weights, large.weights))
-    rss = [(w * s.raw**2).reshape(2, n).sum(axis=1) + 1e-60 for s in (small, large)]
+    """2 ln(likelihood ratio) of nested fits, at the weights and given sigmas of the larger."""
+    n, root = small.n, large.noise.root
+    rss = [np.square(root * s.raw).reshape(2, n).sum(axis=1) + 1e-60 for s in (small, large)]
     return float(n * np.log(rss[0] / rss[1]).sum())

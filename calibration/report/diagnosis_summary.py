@@ -137,7 +137,8 @@ def _cautions(document):
                      key=lambda one: -one[0])
         more = len(far) - MOST_OUTLIERS
         out.append(f'{len(far)} outlier{"s" * (len(far) > 1)} excluded: ' + ', '.join(
-            f'{word} {row["row"]} ({far_text(size)} off)' for size, row in far[:MOST_OUTLIERS])
+            (f'{row["source"]} ' if 'source' in row else '')
+            + f'{word} {row["row"]} ({far_text(size)} off)' for size, row in far[:MOST_OUTLIERS])
             + f', {more} more' * (more > 0) + '.')
     bad = [row for row in document.get('excluded') or ()
            if not row['reason'].startswith(_EXPLAINED)]

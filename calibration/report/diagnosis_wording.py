@@ -14,8 +14,11 @@
 
 """Words for what a diagnosis notes beside its verdict: rows, sessions, what was dropped."""
 
-from pointing_model.effects.base import arcsec, driver_word, readable, the
+from pointing_model.context import UNKNOWN
+from pointing_model.effects.base import arcsec, readable, the
 from pointing_model.mount_kinds import kind_of
+
+from .number_wording import value_and_error
 
 _FIRST = 2  # effects that a first answer names
 
@@ -104,6 +107,22 @@ def _dropped(why):
                           + '; '.join(map(readable, found.causes)))
 
 
+#: driver -> what a slope is by, in a sentence, and that in units of the driver
+_BY = {'temperature': (' per °C', 1.0), 'time': (' a day', 86400.0)}
+
+
+def _moving(found):
+    low, high = (' ± '.join(value_and_error(*found[key])).replace('-', '−')
+                 for key in ('low', 'high'))
+    text = (f'{found.causes[0]} differs between the {found["sessions"]} sessions: {low}″ to '
+            f'{high}″; the model has the median')
+    if follows := found['follows']:
+        unit, times = _BY.get(follows['driver'], (' a unit', 1.0))
+        slope, r = arcsec(follows['slope'] * times, sign=True), min(abs(follows['r']), 0.999)
+        text += f'. It follows {the(follows["driver"])}, {slope}{unit} (|r| = {r:.3f})'
+    return text
+
+
 def _sessions(found):
     return f'{found["source"]}: {found["sessions"]} sessions, at gaps of more than {found.size:g} h'
 
@@ -118,6 +137,14 @@ def _lag(found):
                 'the run')
     return (f'the {what} follows {driver} {found.size:.0f} min late ({found["low"]:.0f} to '
             f'{found["high"]:.0f} min)')
+
+
+def _cannot_judge(found):
+    runs, driver = found['runs'], the(found['driver'])
+    named = ', '.join(runs[:_FIRST]) + f' and {len(runs) - _FIRST} more' * (len(runs) > _FIRST)
+    why = UNKNOWN.get(found['driver'], f'{driver} is not known (column {found["column"]})') \
+        if found['column'] else 'it follows the time, and these rows are beyond the times fitted'
+    return f'{named} cannot judge "{readable(found["effect"])}": {why}.'
 
 
 _LONGEST = {1: 'the longest', 2: 'the second longest', 3: 'the third longest'}
@@ -197,15 +224,16 @@ KINDS = {
         f'the model has the medians of {found["runs"]} runs, '
         + ', '.join(f'{name} {value:+.2f}' for name, value in found['terms'].items())
         + ' arcsec: set a zero, or fit the night, before you point by it'),
+    'term of each session': _moving,
     'terms of sessions': lambda found: (
         f'each session has its own {", ".join(found.causes)}: they move from session to session '
         '(--own says otherwise)'),
-    'unknown driver held out': lambda found: (
-        f'held out: {readable(found["effect"])} counts as zero in {found.size} of '
-        f'{found["rows"]} rows, where the {driver_word(found["driver"])} is not known'),
+    'held-out night cannot judge': _cannot_judge,
+    'rows held out judge nothing': lambda found: (
+        f'held out, judge nothing (what drives an effect is not known): {found.size} rows'),
+    'outliers held out': lambda found: f'held out, outliers set aside: {found.size}',
     'runs held out': lambda found: (
         f'held out: {found.size} observations of {found["runs"]} runs, '
-        f'{", ".join(found["refitted"])} refitted in each, nothing else; '
-        f'{found["outliers"]} outliers set aside'),
+        f'{", ".join(found["refitted"])} refitted in each, nothing else'),
     'rows left out': lambda found: f'{", ".join(found["rows"])} left out: {found["why"]}',
 }

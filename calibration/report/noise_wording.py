@@ -227,4 +227,11 @@ def _consecutive(found):
 
 
 #: kind of a `Finding` -> its sentence
-KINDS = {'consecutive rows alike': _consecutive}
+KINDS = {
+    'consecutive rows alike': _consecutive,
+    'noisier run': lambda found: (
+        f'{found["run"]} scatters {found.size / found["others"]:.1f} times as much as the other '
+        f'runs, {arcsec(found.size)} against {arcsec(found["others"])} an axis: '
+        + ('noise, or an error of that run alone. Its rows count by its own noise'
+           if found['weighed'] else 'not in both axes, so an error of that run alone is likely. '
+           'Diagnose it alone'))}

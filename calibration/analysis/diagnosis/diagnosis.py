@@ -35,6 +35,7 @@ from .history_facts import history_findings
 from .holdout import hold_out
 from .implausible_terms import implausible_terms
 from .mistaken_columns import check_columns
+from .moving_terms import moving_findings
 from .next_observations import propose
 from .observations import mount_of, observations
 from .page_figures import add_page_figures
@@ -51,7 +52,7 @@ from .residual_patterns import (
 from .row_counts import count_rows, repeats, worst_rows
 from .run_problem import RunProblem
 from .runs_alone import ask_runs
-from .scatter import unequal_axes, unequal_scatter
+from .scatter import noise_of_runs, unequal_axes, unequal_scatter
 from .sessions import arrange, median_findings, split_runs, with_zeros_of_terms
 from .validation import add_errors, cross_validated
 
@@ -143,6 +144,12 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     folds = folds if cross_validation else 0
     parts = partitions_of(run.problem, folds, rng) if folds else ()
     choice = choose_effects(run, alpha, chance, parts, first_answer)
+    noise, noisier = noise_of_runs(run.obs, run.problem.plain.fit(
+        choice.chosen, final=True).raw.reshape(2, -1))
+    if noise is not None:  # by the noise of others its rows were outliers
+        run.weigh_runs(noise)
+        chance = Chance(run.problem.n, flips, rng, group=run.problem.sequence.group)
+        choice = choose_effects(run, alpha, chance, parts)
     shown, offered = ask_runs(run, choice, alpha, flips, rng)
     if offered:
         chance = Chance(run.problem.n, flips, rng, group=run.problem.sequence.group)
@@ -170,7 +177,8 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     found = effects[len(run.slips):]
     rows = ResidualRows.from_observations(run.obs, result.residual_after)
     gathered = cluster_findings(rows)
-    result.notes += [*median_findings(run, result.model), *history_findings(run, choice),
+    result.notes += [*moving_findings(run, choice, fits[1], result.run_terms), *noisier,
+                     *median_findings(run, result.model), *history_findings(run, choice),
                      *repeats(rows), *periods,
                      *gear_findings(run, choice, found), *again, *gathered]
     if left is not None:

@@ -168,8 +168,9 @@ class Diagnosis:
 def _excluded(rows, obs):
     """Row and reason; of several files, which."""
     several = len({e.get('source') for e in rows} | set(obs.sources)) > 1
-    return [{'row': e['row'], 'reason': f'{PurePath(str(e["source"])).name}: {e["reason"]}'
-             if several and e.get('source') else e['reason']} for e in rows]
+    return [{'row': e['row'], 'reason': e['reason'],
+             **({'source': PurePath(str(e['source'])).name} if several and e.get('source') else {})}
+            for e in rows]
 
 
 def verdict_of(effects):

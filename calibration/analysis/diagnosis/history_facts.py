@@ -101,7 +101,7 @@ def _slew(obs, found):
         return None
     return Finding('slip of a slew', float(np.degrees(length[row])), unit='deg',
                    causes=(found.name,), evidence={
-                       'line': int(obs.lines[row]), 'longer': int(np.sum(length > length[row])) + 1,
+                       'line': obs.places[row], 'longer': int(np.sum(length > length[row])) + 1,
                        'slews': int(np.isfinite(length).sum()),
                        'axis': context.mount.names.word(axis)})
 

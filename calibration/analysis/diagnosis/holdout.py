@@ -26,9 +26,10 @@ from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import total
 from pointing_model.pointing_terms import stacked_design
 from pointing_model.rms import radial_arcsec, rms, sigma_of
+from pointing_model.runs.run import column_name
 
 from ..finding import Finding
-from .observations import observations
+from .observations import observations, run_name
 from .reading_fits import MOST_LEFT_OUT
 
 #: times the scatter of the others from where a night held out is bad: of 67 nights of one
@@ -38,6 +39,10 @@ BAD_NIGHT = 2.0
 #: standard errors of the mean by which squares of one night are larger with the effects than
 #: without, from where it contradicts them
 _CONTRADICTS = 3.0
+#: driver that never comes again: what follows it in one night tells nothing of another
+_CLOCK = 'time'
+#: parameters of what follows it so: a drift, a jump (no wave)
+_OF_THEN = {'within', 'at'}
 
 
 def hold_out(runs, result, own_terms, encoder='enc'):
@@ -53,7 +58,15 @@ def hold_out(runs, result, own_terms, encoder='enc'):
     own_terms : sequence of str
     encoder : {'enc', 'abs'}
     """
-    obs = observations(runs, encoder)
+    every = observations(runs, encoder)
+    rows, partly, blind = _judged(every, result)
+    result.notes += [Finding('runs held out', len(every), unit='rows', evidence={
+        'runs': len(every.runs), 'refitted': list(own_terms)}),
+        *(Finding('held out', evidence={'of': one}) for one in _left_out(every))]
+    if not rows.any():
+        result.cautions = [*blind, *result.cautions]
+        return
+    obs = every.select(rows)
     left, kept = [], np.ones(len(obs), bool)
     for model in (result.base_model, result.model):
         fit = _refit(obs, model, own_terms)
@@ -61,20 +74,63 @@ def hold_out(runs, result, own_terms, encoder='enc'):
         kept &= fit.weights > 0.0
     for entry, residual in zip((result.before, result.after), left):
         entry['holdout_rms_arcsec'] = radial_arcsec(residual, kept)
-    result.held_out = nights_held_out(obs, left, kept, result)
-    result.cautions = [*result.cautions, *(
+    result.held_out = nights_held_out(obs, left, kept, result, partly)
+    result.cautions = [*blind, *result.cautions, *(
         Finding('held-out night contradicts', before=one['before']['rms_arcsec'],
                 after=one['after']['rms_arcsec'], evidence={'run': one['run']})
         for one in result.held_out if one['contradicts'])]
-    notes = [Finding('held out', evidence={'of': one}) for one in _left_out(obs)]
-    for found in result.model.effects:
-        lost = np.count_nonzero(found.unknown(obs.context))
-        if lost:
-            notes.append(Finding('unknown driver held out', lost, unit='rows', evidence={
-                'effect': found.effect.name, 'driver': found.effect.driver, 'rows': len(obs)}))
-    result.notes += [Finding('runs held out', len(obs), unit='rows', evidence={
-        'runs': len(obs.runs), 'refitted': list(own_terms),
-        'outliers': int(np.sum(~kept))}), *notes]
+    if not rows.all():
+        result.notes.append(Finding('rows held out judge nothing', int(np.sum(~rows)), unit='rows'))
+    if not kept.all():
+        result.notes.append(Finding('outliers held out', int(np.sum(~kept)), unit='rows'))
+
+
+def _judged(obs, result):
+    """Rows that judge the effects: where a driver is not known, an effect counts as zero.
+
+    Returns
+    -------
+    rows : ndarray of bool, shape (n,)
+    partly : set of int
+        Numbers of the runs that cannot judge some effect: of those the others are judged.
+    blind : list of Finding
+        Which effects, and why.
+    """
+    rows, partly, blind = np.ones(len(obs), bool), set(), {}
+    effects, fitted = result.model.effects, result.observations.context.get(_CLOCK)
+    for label in np.unique(obs.label):
+        own, seen = obs.label == label, 0
+        for found in effects:
+            lost = _lost(found, obs.context, fitted)
+            if np.mean(lost[own]) > MOST_LEFT_OUT:
+                partly.add(int(label))
+                blind.setdefault(_why(found, obs.context, own), []).append(run_name(obs, own))
+            else:
+                rows[own & lost] = False
+                seen += 1
+        if effects and not seen:
+            rows[own] = False
+    return rows, partly, [Finding('held-out night cannot judge', evidence={
+        'runs': runs, 'effect': effect, 'driver': driver, 'column': column})
+        for (effect, driver, column), runs in blind.items()]
+
+
+def _lost(found, context, fitted):
+    """Rows in which an effect is not known, or stands still because its time is over."""
+    lost, time = found.unknown(context), context.get(_CLOCK)
+    if _CLOCK in found.effect.requires and time is not None and not _OF_THEN.isdisjoint(
+            found.effect.parameters):
+        reach = 0.5 * np.ptp(fitted)  # as `drifts.about`
+        lost = lost | (time < fitted.min() - reach) | (time > fitted.max() + reach)
+    return lost
+
+
+def _why(found, context, rows):
+    """Name of an effect, the driver that is not known and its column; '' where it is the time."""
+    lost = [name for name in found.effect.requires if context.get(name) is None
+            or np.mean(~np.isfinite(context.get(name)[rows])) > MOST_LEFT_OUT]
+    driver, names = lost[0] if lost else _CLOCK, context.mount.names
+    return found.effect.name, driver, column_name(driver, names) if lost else ''
 
 
 def _left_out(obs):
@@ -96,12 +152,12 @@ def _refit(obs, model, own_terms):
     return weighted_fit(columns, b, obs.inverse_sigma, final=True)
 
 
-def nights_held_out(obs, left, kept, result):
+def nights_held_out(obs, left, kept, result, partly=()):
     """Each run held out for itself, and whether it is bad.
 
     A night is bad whose robust scatter is `BAD_NIGHT` times that which the others have, with the
     run that was fitted as one of them, or of which more than a third are outliers. It is not where
-    it scatters so with the effects alone: it contradicts them.
+    it scatters so with the effects alone, or contradicts them, or cannot judge them all.
 
     Parameters
     ----------
@@ -112,6 +168,8 @@ def nights_held_out(obs, left, kept, result):
     kept : ndarray of bool, shape (n,)
         No outliers.
     result : Diagnosis
+    partly : set of int
+        Labels of runs that cannot judge all effects.
 
     Returns
     -------
@@ -127,14 +185,16 @@ def nights_held_out(obs, left, kept, result):
     for i, label in enumerate(labels):
         rows = obs.label == label
         count, aside = int(rows.sum()), int((rows & ~kept).sum())
-        others = np.median([own, *np.delete(typical, i, axis=0)], axis=0)
+        others = np.median([own, *(one for k, one in enumerate(typical)
+                                   if k != i and labels[k] not in partly)], axis=0)
         times = typical[i] / np.maximum(others, 1e-9)
-        bad = aside > MOST_LEFT_OUT * count or (
-            np.hypot(*typical[i]) > BAD_NIGHT * np.hypot(*others))
+        contradicts = _contradicts(*(one[:, rows & kept] for one in left))
+        bad = not contradicts and label not in partly and (
+            aside > MOST_LEFT_OUT * count or np.hypot(*typical[i]) > BAD_NIGHT * np.hypot(*others))
         before, after = (_rms(one[:, rows]) for one in left)
-        out.append({'run': _name(obs, rows), 'rows': count, 'set_aside': aside, 'before': before,
+        out.append({'run': run_name(obs, rows), 'rows': count, 'set_aside': aside, 'before': before,
                     'after': after, 'bad': dict(zip('xy', times.tolist())) if bad else None,
-                    'contradicts': _contradicts(*(one[:, rows & kept] for one in left))})
+                    'contradicts': contradicts})
     return out
 
 
@@ -142,18 +202,6 @@ def _contradicts(before, after):
     """Whether residuals, shape (2, n), are larger with the effects by more than chance."""
     more = np.square(after).sum(axis=0) - np.square(before).sum(axis=0)
     return bool(len(more) > 2 and more.mean() > _CONTRADICTS * more.std(ddof=1) / len(more)**0.5)
-
-
-def _name(obs, rows):
-    run = obs.runs[int(obs.label[rows][0])]
-    if isinstance(run, str) and ':' in run:
-        path, _, number = run.rpartition(':')
-        name = PurePath(path).name
-        several = sum(isinstance(r, str) and r.rpartition(':')[0] == path for r in obs.runs) > 1
-        return f'{name}, run {number}' if several else name
-    source = PurePath(str(obs.sources[np.flatnonzero(rows)[0]])).name
-    return source if len(obs.runs) == 1 else f'{source}, run {run:g}' \
-        if isinstance(run, (int, float)) else str(run)
 
 
 def _rms(residual):

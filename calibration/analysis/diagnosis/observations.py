@@ -17,6 +17,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import PurePath
 
 import numpy as np
 
@@ -84,6 +85,14 @@ class Observations:
     def sequence(self):
         """`Sequence` of the rows."""
         return sequence_of(self.context, self.label)
+
+    @cached_property
+    def places(self):
+        """What each row is called by, shape (n,): its line, of several files with the file."""
+        if len(set(self.sources)) < 2:
+            return self.lines
+        return np.array([f'{PurePath(str(source or "run")).name}:{line}'
+                         for source, line in zip(self.sources, self.lines)], object)
 
     def select(self, rows):
         """Some of them (indices or a slice)."""
@@ -199,6 +208,29 @@ def run_labels(runs):
     texts = [f'{runs[i].meta.get("source") or i}:{v:g}' if several and not isinstance(v, str)
              else v for i, v in names]
     return texts, np.hstack(labels)
+
+
+def run_name(obs, rows):
+    """What the run of some rows is called: its file, and its number where that has several.
+
+    Parameters
+    ----------
+    obs : Observations
+    rows : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    str
+    """
+    run = obs.runs[int(obs.label[rows][0])]
+    if isinstance(run, str) and ':' in run:
+        path, _, number = run.rpartition(':')
+        name = PurePath(path).name
+        several = sum(isinstance(r, str) and r.rpartition(':')[0] == path for r in obs.runs) > 1
+        return f'{name}, run {number}' if several else name
+    source = PurePath(str(obs.sources[np.flatnonzero(rows)[0]] or 'run')).name
+    return source if len(obs.runs) == 1 else f'{source}, run {run:g}' \
+        if isinstance(run, (int, float)) else str(run)
 
 
 def _one_clock(runs, notes):

@@ -35,9 +35,11 @@ from pointing_model.pointing_terms import stacked_design
 from pointing_model.rms import sigma_of
 
 from ..finding import Finding
+from .moving_terms import MOVING
 from .observations import sequence_of
 from .period_scans import GEARS
 from .row_counts import row_word
+from .scatter import NOISIER
 
 #: differences between visits of which the noise is said, at least: of ten it is known to a fifth;
 #: rows among which outliers are looked for
@@ -54,7 +56,7 @@ _ROUNDING = 1e-6 * ARCSEC
 #: which a row counts as so far off
 _BY_CHANCE, _AT_MOST = 1e-3, 3.0
 #: kinds that say where to look first
-PATTERNS = (*MOVES, _JUMP, _ALIKE, _TOGETHER, *GEARS)
+PATTERNS = (*MOVES, _JUMP, MOVING, NOISIER, _ALIKE, _TOGETHER, *GEARS)
 #: the same of a fit, which looks for no effect that may do what a reading of the columns does
 OF_A_FIT = ('better reading', *PATTERNS)
 #: times that the RMS must fall by zeros that jump once (where they drift evenly it falls to a half:
@@ -116,7 +118,9 @@ class ResidualRows(NamedTuple):
     @classmethod
     def from_observations(cls, obs, residual):
         """Of `Observations`; `residual`: what a model leaves of them, x then y, (2n,) or (2, n)."""
-        return cls(obs.context, obs.sequence, obs.lines, residual.reshape(2, -1), row_word(obs.run))
+        sigma = None if obs.inverse_sigma is None else 1.0 / obs.inverse_sigma.reshape(2, -1)
+        return cls(obs.context, obs.sequence, obs.places, residual.reshape(2, -1),
+                   row_word(obs.run), sigma)
 
     def visits(self, terms, own_zeros=False):
         """The `Revisits` of the rows.

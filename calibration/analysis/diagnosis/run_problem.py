@@ -15,6 +15,7 @@
 """A run in the form of the search."""
 
 from copy import copy
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -165,6 +166,16 @@ class RunProblem:
         self.problem.variants = EffectVariants(obs.context)
         self.infeasible = ~feasible
 
+    def weigh_runs(self, sigma):
+        """Weigh rows by the noise of their run, shape (runs,), for another search."""
+        for obs in filter(None, (self.obs, self.obs.whole)):
+            own = np.tile(1.0 / sigma[obs.label], 2)
+            obs.inverse_sigma = own if obs.inverse_sigma is None else own * obs.inverse_sigma
+        self.problem = replace(
+            self.problem, inverse_sigma=self.obs.inverse_sigma, trusted=None, first=(),
+            dictionary=self.problem.dictionary.as_offered(),
+            periods=self.problem.periods.as_offered(), _memories={}, _fits={})
+
     def undetermined_findings(self):
         """That the stars do not determine some terms; none where they determine all."""
         return [] if self.undetermined is None else [
@@ -188,5 +199,5 @@ class RunProblem:
             self.obs.notes.append(Finding('reading set right', evidence={
                 'axis': names.word(axis), 'graduation': graduation,
                 'word': row_word(self.obs.run),
-                'rows': [(self.obs.lines[r], m) for r, m in zip(rows, multiples)]}))
+                'rows': [(self.obs.places[r], m) for r, m in zip(rows, multiples)]}))
         return out

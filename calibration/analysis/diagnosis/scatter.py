@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How what is left scatters: at which elevations, and in one axis more than in the other."""
+"""How what is left scatters: at which elevations, in which runs, in which axis more."""
 
 import math
 
@@ -22,6 +22,9 @@ from calibration.estimation.robust import scale_law, scale_ratio
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms, sigma_of
 
+from ..finding import Finding
+from .observations import run_name
+
 #: rows in each of three bands of elevation, at least, of which it is said that they scatter
 #: differently; chance that noise makes them, and how many times as much one must scatter
 _FEWEST_IN_BAND, _UNEQUAL, _TIMES = 12, 1e-3, 1.5
@@ -30,6 +33,10 @@ _FEWEST, _AXES_TIMES = 20, 2.0
 #: ln of a likelihood ratio from which a law is named: odds of 30 to 1. Of nights that scatter by
 #: one law the other is named in 1 of 1000 at most (20 to 200 rows)
 _LAW = float(np.log(30.0))
+#: kind of the Finding on a run that scatters more than the others; rows of it, at least, and times
+#: as much; of each axis, from where it is taken for noise, which an effect of one axis is not
+NOISIER = 'noisier run'
+_OF_RUN, _RUN_TIMES, _EACH_AXIS = 12, 2.0, 1.5
 
 
 def unequal_scatter(diagnosis):
@@ -106,3 +113,66 @@ def axes_scatter(residual, keep, context):
     return {'axis': 'x' if ratio > 1.0 else 'y', 'times': float(max(ratio, 1.0 / ratio)), 'p': p,
             'sigma_arcsec': [float(sigma_of(one)) / ARCSEC for one in left],
             'law': found if ratio > 1.0 else None}
+
+
+def noise_of_runs(obs, left):
+    """Noise of each run, where one clearly scatters more than the others.
+
+    By the ranks of the radial residuals (Mann and Whitney 1947, Ann. Math. Stat. 18, 50).
+
+    Parameters
+    ----------
+    obs : Observations
+    left : ndarray, shape (2, n)
+        What a model leaves of all its rows, outliers too; radians.
+
+    Returns
+    -------
+    sigma : ndarray, shape (runs,), or None
+        Of an axis, robust, in sigmas if these were given: runs that scatter more in both axes have
+        their own. None where no run does.
+    findings : list of Finding
+        Of each run that scatters more.
+    """
+    given = 1.0 if obs.inverse_sigma is None else obs.inverse_sigma.reshape(2, -1)
+    standard, count = left * given, np.bincount(obs.label, minlength=len(obs.runs))
+    labels = np.flatnonzero(count >= _OF_RUN)
+    if len(labels) < 2:
+        return None, []
+    own = np.array([_sigmas(standard[:, obs.label == label]) for label in labels])
+    noisy = {}
+    for i, label in enumerate(labels):
+        others = np.median(np.delete(own, i, axis=0), axis=0)
+        if np.hypot(*own[i]) > _RUN_TIMES * np.hypot(*others) and _chance_larger(
+                np.hypot(*standard), obs.label == label) * len(labels) < _UNEQUAL:
+            noisy[int(label)] = own[i] / others
+    if not noisy:
+        return None, []
+    rest = ~np.isin(obs.label, [*noisy])
+    sigma, findings = np.full(len(obs.runs), _size(standard[:, rest])), []
+    for label, times in noisy.items():
+        rows, weighed = obs.label == label, bool(times.min() > _EACH_AXIS)
+        if weighed:
+            sigma[label] = _size(standard[:, rows])
+        findings.append(Finding(NOISIER, _size(left[:, rows]) / ARCSEC, evidence={
+            'run': run_name(obs, rows), 'others': _size(left[:, rest]) / ARCSEC,
+            'weighed': weighed}))
+    return sigma if any(one['weighed'] for one in findings) else None, findings
+
+
+def _sigmas(left):
+    return np.maximum([sigma_of(one) for one in left], 1e-9 * ARCSEC)
+
+
+def _size(left):
+    """Of an axis, both together."""
+    return float(np.hypot(*_sigmas(left))) / math.sqrt(2.0)
+
+
+def _chance_larger(size, rows):
+    """One-sided, that values of some rows are larger than the others' by chance."""
+    rank = np.empty(len(size))
+    rank[np.argsort(size, kind='stable')] = np.arange(1.0, len(size) + 1.0)
+    m, n = int(rows.sum()), len(size)
+    off = rank[rows].sum() - 0.5 * m * (n + 1.0)
+    return 0.5 * math.erfc(off / math.sqrt(m * (n - m) * (n + 1.0) / 6.0))

@@ -324,8 +324,9 @@ def test_outliers_and_slips():
     again = diagnose([run, other], **FAST)
     assert [(e['row'], e['source']) for e in again.excluded] == [
         (105, 'night.csv'), (85, 'night.csv')]
-    assert again.to_dict()['excluded'][0] == {'row': 105, 'reason': 'night.csv: az_enc not finite'}
-    assert any(note.endswith('line 19 (+2)') for note in map(wording, again.notes))
+    assert again.to_dict()['excluded'][0] == {
+            'row': 105, 'reason': 'az_enc not finite', 'source': 'night.csv'}
+    assert any(note.endswith('line night.csv:19 (+2)') for note in map(wording, again.notes))
     assert result.after['rms_arcsec'] < 1.7
 
 
@@ -364,9 +365,34 @@ def test_held_out_rows_and_drivers_that_fail_are_said():
     later.columns['az_enc'][4] = np.nan
     later.columns.pop('approach_az')
     result = diagnose(night(80, effect=backlash(8.0)), holdout=later, **FAST)
-    text = '\n'.join(map(wording, result.notes))
-    assert 'held out: run:4 left out: az_enc not finite' in text
-    assert 'counts as zero in 59 of 59 rows, where the direction of approach is not known' in text
+    assert 'held out: run:4 left out: az_enc not finite' in '\n'.join(map(wording, result.notes))
+    assert wording(result.cautions[0]) == (
+        'run cannot judge "azimuth hysteresis, × cos E": the direction of approach is not known '
+        '(column approach_az).')
+    # nothing else to judge: no figure, and no night is bad
+    assert result.held_out == [] and result.after['holdout_rms_arcsec'] is None
+
+
+def test_rows_without_the_driver_judge_nothing_and_the_others_do():
+    later = night(81, effect=backlash(8.0))
+    later.columns['approach_az'] = np.where(np.arange(60) % 6, later['approach_az'], np.nan)
+    result = diagnose(night(80, effect=backlash(8.0)), holdout=later, **FAST)
+    one, = result.held_out
+    assert one['rows'] == 50 and one['bad'] is None and not result.cautions
+    assert result.after['holdout_rms_arcsec'] < 1.8 < result.before['holdout_rms_arcsec']
+    assert any('judge nothing' in wording(note) and note.size == 10 for note in result.notes
+               if not isinstance(note, str))
+
+
+def test_a_drift_of_one_night_is_not_judged_by_another():
+    def drift(rate):
+        return lambda c: (0.0, rate * ARCSEC * (c['time'] - c['time'][0]) / 3600.0)
+    later = night(95, effect=drift(-5.0))
+    later.columns['time'] += 86400.0
+    result = diagnose(night(94, effect=drift(5.0)), holdout=later, **FAST)
+    assert [e.fitted.effect.driver for e in result.effects] == ['time']
+    assert 'beyond the times fitted' in wording(result.cautions[0])
+    assert 'bad' not in paragraph(result.cautions) and result.held_out == []
 
 
 def test_two_clocks_are_not_joined():

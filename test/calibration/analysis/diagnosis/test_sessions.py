@@ -22,6 +22,7 @@ from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.sessions import arrange, split_run, split_runs
 from calibration.analysis.harmonic_fit import HarmonicChoice
 from calibration.analysis.run_fit import fit_run
+from calibration.report.diagnosis_view import view_of
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
@@ -143,3 +144,51 @@ def test_runs_held_out_are_divided_as_the_others():
     assert result.before['holdout_rms_arcsec'] < 1.6
     assert any('90 observations of 3 runs, IA, IE refitted' in wording(note)
                for note in result.notes)
+
+
+def _told(runs, **options):
+    for i, run in enumerate(runs):
+        run.meta = {**run.meta, 'source': f'night{i}.csv'}
+    result = diagnose(runs, flips=199, cross_validation=False, **options)
+    return result, [wording(note) for note in result.notes
+                    if getattr(note, 'kind', '') == 'term of each session']
+
+
+def test_a_term_that_moves_is_told_with_its_values_and_what_it_goes_with():
+    kelvin = [12.0, 2.0, 8.0, -3.0, 5.0]
+    runs = nights(4, counts=(30,) * 5, TF=[3.0 * one for one in kelvin])
+    for run, temperature in zip(runs, kelvin):
+        run.columns['temperature'] = temperature - np.linspace(0.0, 1.0, len(run))
+    result, (text,) = _told(runs)
+    values = [terms['TF'] for terms in result.run_terms.values()]
+    low, high = (f'{value:+.2f}'.replace('-', '\u2212') for value in (min(values), max(values)))
+    assert f'TF differs between the 5 sessions: {low}' in text and f' to {high}' in text
+    assert 'follows the temperature, +' in text and ' per °C' in text
+    assert text in view_of(result).summary.cautions  # on the first layer
+    # three cannot show what it goes with, one value is none that moves
+    (text,) = _told(nights(4, CA=[0.0, 25.0, 50.0]))[1]
+    assert text.startswith('CA differs between the 3 sessions') and 'follows' not in text
+    assert _told(nights(3), own_terms=('IA', 'IE', 'CA'))[1] == []
+
+
+def test_a_run_that_scatters_more_counts_by_its_own_noise():
+    runs = nights(6, counts=(40, 40, 40))
+    for i, (run, times) in enumerate(zip(runs, (1.0, 1.0, 6.0))):
+        rng, el = np.random.default_rng(i), run['el']
+        x, y = times * ARCSEC * rng.normal(size=(2, 40)) * (times > 1.0)
+        run.columns['az_enc'] = run['az_enc'] + x / np.cos(el)
+        run.columns['el_enc'] = run['el_enc'] + y + 8.0 * ARCSEC * np.sin(2.0 * run['az'])
+        run.meta = {**run.meta, 'source': f'night{i}.csv'}
+    result = diagnose(runs, flips=199, cross_validation=False)
+    note, = [one for one in result.notes if getattr(one, 'kind', '') == 'noisier run']
+    assert wording(note).startswith('night2.csv scatters ') and note.size == pytest.approx(6, abs=1)
+    assert wording(note) in view_of(result).summary.cautions
+    runs[2].columns['el_enc'][[7, 8]] += 90.0 * ARCSEC
+    caution = next(one for one in view_of(diagnose(
+        runs, flips=99, cross_validation=False)).summary.cautions if 'excluded' in one)
+    assert 'night2.csv row 7 (' in caution and 'night2.csv row 8 (' in caution
+    # six sigma of the others are one of its own; what moves all of them is found all the same
+    assert (result.weights > 0.0).all()
+    assert [e.fitted.effect.name for e in result.effects] == ['elevation_nod_2']
+    assert not [one for one in diagnose(nights(6), flips=199, cross_validation=False).notes
+                if getattr(one, 'kind', '') == 'noisier run']
