@@ -29,8 +29,8 @@ from calibration.analysis.harmonic_fit import choice_of_report
 from calibration.estimation.false_alarms import ALPHA
 from calibration.night_series import state_of
 from msg_tools import topics
-from msg_tools.bag import BagReader
 from msg_tools.bag.bag_pair import parameters_of
+from msg_tools.bag.sqlite import open_bag
 from msg_tools.bag.topic_names import prefix_of
 from msg_tools.convert import from_stamp, read_sky_vector
 from msg_tools.homing import cloud_to_homing
@@ -81,7 +81,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     OSError
         It may not be read.
     """
-    log = BagReader(bag)
+    log = open_bag(bag)
     if log.has_truth:
         raise ValueError(f'{bag} holds the truth of the simulator; verify the log beside it')
     prefix = prefix_of(log)

@@ -22,9 +22,10 @@ from pathlib import Path
 
 from calibration.estimation.false_alarms import ALPHA
 from msg_tools import topics
-from msg_tools.bag import BagReader
 from msg_tools.bag.bag_pair import parameters_of
+from msg_tools.bag.sqlite import open_bag
 from msg_tools.bag.topic_names import prefix_of
+from msg_tools.convert import from_stamp
 from msg_tools.status_rows import Taken
 from msg_tools.whole_files import write_text
 
@@ -69,7 +70,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     RuntimeError
         A node ended or did not answer.
     """
-    bag, progress = BagReader(log), progress or (lambda *_: None)
+    bag, progress = open_bag(log), progress or (lambda *_: None)
     if bag.has_truth:
         raise ValueError(f'{log} holds the truth of the simulator; replay the log beside it')
     prefix = prefix_of(bag)
@@ -78,6 +79,9 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     count = counts[observation]
     if count == 0:
         raise ValueError(f'{log} has no observation in it; it is no log of a night')
+    newer = _newer(bag, observation)
+    notes = [f'{count - newer} of {count} observations are there twice: each counts once'
+             ] if newer < count else []
     had_zero = bool(counts[f'{prefix}{topics.ZERO.name}']) and _has_exposures(bag, observation)
     diagnosed = _last(bag, f'{prefix}{topics.DIAGNOSIS.name}')
     # parameters of the calibration with which it fitted and diagnosed
@@ -110,11 +114,11 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
         def taken():
             status = Taken.read(watcher.latest.get(topics.CALIBRATION_STATUS.name))
             done = status.kept + status.forgotten
-            progress('observing again', done, count)
+            progress('observing again', done, newer)
             return done
 
-        if not watcher.spin_until(lambda: taken() >= count, 60.0):
-            raise RuntimeError(f'only {taken()} of {count} observations arrived')
+        if not watcher.spin_until(lambda: taken() >= newer, 60.0):
+            raise RuntimeError(f'only {taken()} of {newer} observations arrived')
         if had_zero:
             watcher.call('calibrate_zero')
         progress('fitting')
@@ -142,8 +146,18 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
         write_text(out, model + '\n')
     report = json.loads(documents[0])
     report['diagnosis'] = json.loads(documents[1]) if diagnosed else None
-    report['problems'] = bag.problems
+    report['problems'] = bag.problems + notes
     return report
+
+
+def _newer(bag, topic):
+    """How many observations a calibration takes: those newer than all before them."""
+    newest = count = 0
+    for message in bag.messages([topic], decode=True):
+        stamp = from_stamp(message.data.header.stamp)
+        count += stamp > newest
+        newest = max(newest, stamp)
+    return count
 
 
 def _has_exposures(bag, topic):

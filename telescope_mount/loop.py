@@ -29,7 +29,7 @@ from telescope_mount.observing.plan import ZERO_EXPOSURES, parse_plan
 from .graph import measured_graph, night_graph
 from .loop_outcome import outcome, paired, points_worse
 from .loop_page import write_all_page, write_loop_page
-from .night_files import Written, diagnosing, write_files
+from .night_files import Written, diagnosing, is_log, write_files
 from .simulation import kind_of_mount, scenario_names, undeclared
 from .whole_night import NightFailed, observe, prepare_folder
 
@@ -217,8 +217,7 @@ def _site_of(run, sky):
 
 def _player(run, file, azimuth_origin, folder):
     """Parameters of the run player: a file that it can read, written if need be."""
-    if (file.is_dir() or file.suffix == '.mcap' or run.meta.get('solves_checked')
-            or not run.mount.vertical):
+    if is_log(file) or run.meta.get('solves_checked') or not run.mount.vertical:
         from pointing_model.runs.formats.csv import write_csv
         file, azimuth_origin = folder / 'run.csv', None
         write_csv(run, file)

@@ -21,6 +21,9 @@ from typing import NamedTuple
 
 from msg_tools.whole_files import reason, tried, write_text
 
+#: suffixes of the files of logs
+LOGS = ('.mcap', '.db3')
+
 
 class Written(NamedTuple):
     """The files of a night.
@@ -51,10 +54,19 @@ def log_of(path):
     Path
     """
     path = Path(path)
-    if (path / 'bag').is_dir() and not (path / 'metadata.yaml').is_file() \
-            and not any(path.glob('*.mcap')):
+    if (path / 'bag').is_dir() and not (path / 'metadata.yaml').is_file() and not holds_log(path):
         return path / 'bag'
     return path
+
+
+def holds_log(path):
+    """Whether files of a log are in a folder."""
+    return any(any(path.glob(f'*{suffix}')) for suffix in LOGS)
+
+
+def is_log(path):
+    """Whether what is at a path is read as a log: any folder, or a file of one."""
+    return path.is_dir() or path.suffix in LOGS
 
 
 def model_of(path):

@@ -36,7 +36,7 @@ from pointing_model.runs.run_reader import read_run, swap_encoders
 from pointing_model.sky.site import SITE
 from pointing_model.sky.skyline import parse_horizon
 
-from .night_files import log_of
+from .night_files import is_log, log_of
 
 _SAME_START = 2e-3  # s: messages tell it to the millisecond
 
@@ -90,7 +90,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         It cannot be read.
     """
     path = log_of(path)
-    if not path.is_dir() and path.suffix != '.mcap':
+    if not is_log(path):
         try:
             run = _without_check_rows(_worded(check_solves(read_run(
                 path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
@@ -331,9 +331,9 @@ def declared_by(parameters, notes):
 
 def _log(path):
     """Reader of a log; a folder of images is reported as that."""
-    from msg_tools.bag import BagReader  # slow to import, and of logs alone
+    from msg_tools.bag.sqlite import open_bag  # slow to import, and of logs alone
     try:
-        return BagReader(path)
+        return open_bag(path)
     except (ValueError, OSError):
         from pointing_model.runs.plate_solves.mapping import PATTERNS
         if not path.is_dir() or not any(any(path.glob(pattern)) for pattern in PATTERNS):

@@ -29,7 +29,7 @@ from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.places import icrs_to_observed
 from pointing_model.sky.refraction import Weather, air_at, air_of_rows
 from pointing_model.sky.site import SITE, Site
-from telescope_mount.night_files import log_of
+from telescope_mount.night_files import is_log, log_of
 
 from .run_loader import load_run
 
@@ -105,7 +105,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     orbits, parts, notes = Orbits(orbit_paths), [], []
     weather = vars(weather) if isinstance(weather, Weather) else weather
     paths = [log_of(path) for path in paths]
-    logs = [path for path in paths if path.is_dir() or path.suffix == '.mcap']
+    logs = [path for path in paths if is_log(path)]
     for path in [path for path in paths if path not in logs]:
         part = read_track(path, mount)
         notes += part.notes

@@ -82,9 +82,19 @@ class BagFile:
     path : Path
     number : int
         Its place among the files of the bag.
+    before : BagFile, optional
+        The log that ends in the same file where this one begins.
 
     Attributes
     ----------
+    begin : int
+        Where it begins in the file, to which all its offsets are relative.
+    rank : int
+        Which log of the file it is, from 1.
+    follows : int or None
+        Where another log begins in the same file.
+    unchecked : bool
+        Whether messages were read that no checksum vouches for.
     indexed, closed : bool
         Whether its index told where all is, and whether the end of its messages was found.
     repeated : dict of str to int
@@ -102,8 +112,11 @@ class BagFile:
         It may not be read.
     """
 
-    def __init__(self, path, number=0):
+    def __init__(self, path, number=0, before=None):
         self.path = path
+        self.begin = 0 if before is None else before.begin + before.follows
+        self.rank = 1 if before is None else before.rank + 1
+        self.follows = None
         self.number = number
         self.schemas = {}
         self.channels = {}
@@ -115,14 +128,17 @@ class BagFile:
         self.lost = []
         self.mended = {}
         self.complete = self.indexed = self.closed = False
-        self.ended = False
-        self.size = path.stat().st_size
-        self._expanded = 0
-        self._limit = MIN_EXPANDED + EXPANSION * self.size
-        self.most = MIN_RECORDS + self.size
+        self.ended = self.unchecked = False
+        size = path.stat().st_size
+        self.size = size - self.begin
+        # of all logs in a file together
+        self._spent = self._expanded = 0 if before is None else before._expanded
+        self._limit = MIN_EXPANDED + EXPANSION * size
+        self.most = MIN_RECORDS + size if before is None else before.most
         if self.size == 0:
             raise ValueError(f'{path} is empty (0 bytes): nothing was recorded in it')
-        with open(path, 'rb') as stream:
+        damage = ''
+        with self.open() as stream:
             self.stream = stream
             if self.at(0, 8) != MAGIC[:self.size]:
                 raise ValueError(f'{path} is not an MCAP file: a log is the folder of '
@@ -130,20 +146,29 @@ class BagFile:
             try:
                 self.complete = self.indexed = self.closed = self._read_summary()
             except PARSE_ERRORS as error:
-                self.note(f'the index is damaged ({short(error)}); the file was read through')
+                damage = self.note(f'the index is damaged ({short(error)}); the file was read '
+                                   'through')
             if not self.complete:
                 self._forget()
                 LogScan(self).run()
             self.stream = None
+        if self.follows is not None and damage:
+            self.problems.remove(damage)  # it was the index of another log
         own = {record.name: record.metadata for record in self.metadata}
         self.repeated = {topic: int(count) for topic, count in own.get(REPEATED_RECORD, {}).items()
                          if count.isdecimal() and len(count) < 10}
         if STOPPED_RECORD in own:
             self.note(f'recording stopped: {own[STOPPED_RECORD].get("reason", "")[:120]}')
 
+    def open(self):
+        """A stream of its bytes."""
+        stream = open(self.path, 'rb')  # noqa: SIM115 (who asks closes it)
+        return _From(stream, self.begin) if self.begin else stream
+
     def note(self, text):
-        """Note a problem."""
+        """Note a problem; its line."""
         self.problems.append(f'{self.path.name}: {text}')
+        return self.problems[-1]
 
     def at(self, offset, length):
         """Bytes of the file while it is opened."""
@@ -172,6 +197,8 @@ class BagFile:
                 statistics = parse(records.Statistics, body)
             elif opcode == Opcode.CHUNK_INDEX:
                 chunks.append(chunk_index(body))
+            elif opcode == Opcode.FOOTER:
+                raise ValueError('two ends of a log')
             elif opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
                 elsewhere.append(struct.unpack_from('<Q', body)[0])
             else:
@@ -190,7 +217,7 @@ class BagFile:
                     raise ValueError('no record')
                 self.take_large(opcode, offset + 9, length)
             except PARSE_ERRORS as error:
-                self.note(f'the metadata or attachment at byte {offset} is damaged '
+                self.note(f'the metadata or attachment at byte {self.begin + offset} is damaged '
                          f'({short(error)}) and left out')
         return True
 
@@ -199,7 +226,7 @@ class BagFile:
         for kept in (self.schemas, self.channels, self.counts, self.segments, self.metadata,
                      self.attachments):
             kept.clear()
-        self._expanded = 0
+        self._expanded = self._spent
 
     def _take_index(self, chunks):
         """Segments of the chunks; ValueError where they overlap or expand beyond belief."""
@@ -249,7 +276,7 @@ class BagFile:
             if 32 + n + m + size > length:
                 raise ValueError(f'attachment {name!r} is longer than its record')
             self.attachments.append(AttachmentInfo(
-                name, media_type, size, log_time, self.path, offset + 32 + n + m))
+                name, media_type, size, log_time, self.path, self.begin + offset + 32 + n + m))
 
     # --- messages ---------------------------------------------------------------------------
 
@@ -290,6 +317,7 @@ class BagFile:
                 raise ValueError(f'{len(buffer)} bytes where {size} were announced')
             if crc and zlib.crc32(buffer) != crc:
                 raise ValueError('its checksum does not match')
+            self.unchecked = self.unchecked or not crc
         return buffer
 
     def by_topic(self, counts):
@@ -320,7 +348,33 @@ class BagFile:
         if segment.chunk:
             return self.chunk(
                 stream, segment.offset, segment.length, segment.partial, segment.expanded)
+        self.unchecked = True
         return read_at(stream, segment.offset, segment.length)
+
+
+class _From:
+    """A stream that begins at a byte of another."""
+
+    def __init__(self, stream, begin):
+        self._stream, self._begin = stream, begin
+        self.read = stream.read
+
+    def seek(self, offset):
+        return self._stream.seek(self._begin + offset)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc):
+        self._stream.close()
+
+
+def logs_in(path, number=0):
+    """The log in a file, and those that were appended to it, a list of `BagFile`."""
+    logs = [BagFile(path, number)]
+    while logs[-1].follows is not None:
+        logs.append(BagFile(path, number + len(logs), logs[-1]))
+    return logs
 
 
 def attachment_data(info):

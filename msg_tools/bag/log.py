@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 from .losses import counted, implausible, span
 from .mcap_records import short
-from .metadata import is_truth, listed_files
+from .metadata import NOTHING, is_truth, listed_files
 from .ros_schema import load_qos
 
 #: a definition, or a line, longer than this is no message definition
@@ -69,6 +69,7 @@ class Reader:
         self.path = Path(path)
         self._problems = []
         self._listed = {}
+        self._schemas = {}  # what `schema_of` has found
         self._skipped = Counter()
         self._decoders = Decoders(self._skipped)
         self._qos = {'': []}  # by its text
@@ -92,6 +93,23 @@ class Reader:
         return self._problems + [
             f'{what} ({count} times)' if count > 1 else what
             for what, count in self._skipped.items()]
+
+    def schema_of(self, topic, type_name):
+        """(`mcap` Schema, encoding of the messages) of a topic's type; (None, '') without."""
+        key = topic, type_name
+        if key not in self._schemas:
+            self._schemas[key] = self._find_schema(*key)
+        return self._schemas[key]
+
+    def decode(self, message):
+        """The object that a raw `BagMessage` of this log holds; None if it does not fit.
+
+        Returns
+        -------
+        object or None
+        """
+        schema, encoding = self.schema_of(message.topic, message.type)
+        return self._decoders.decode(message.topic, schema, encoding, message.data)
 
     def _check_times(self):
         wrong = implausible(self.start_time, self.end_time)
@@ -121,6 +139,26 @@ class Reader:
             raise ValueError(f'{self.path} holds no {self.SUFFIX} file'
                              + (f'; to read another, name it: {", ".join(names)}' if names else ''))
         return files
+
+    def _compare_with_metadata(self, found):
+        """Note what metadata.yaml says otherwise of files, dict of str to `Listed`."""
+        for name, row in found.items() if self._listed else ():
+            if name not in self._listed:
+                self._problems.append(
+                    f'{name} is not listed in metadata.yaml: {counted(row.count, True)} more'
+                    + f', {span(row.start, row.end)}' * bool(row.count)
+                    + '; if it is not of this log, move it away')
+        both = [name for name in found if self._listed.get(name, NOTHING).count]
+        # which file of several has a message may be told wrong
+        if sum(found[name].count - self._listed[name].count for name in both) == 0:
+            return
+        for name in both:
+            count, listed = found[name].count, self._listed[name].count
+            if count != listed:
+                self._problems.append(
+                    f'{name} has {counted(count, True)}, metadata.yaml lists {listed}: '
+                    + (f'{listed - count} are missing'
+                       if count < listed else f'{count - listed} more'))
 
     def _qos_of(self, topic, text):
         if text not in self._qos:

@@ -112,6 +112,9 @@ class Listed(NamedTuple):
     end: int = 0
 
 
+NOTHING = Listed()
+
+
 def listed_files(folder):
     """The files that metadata.yaml lists, without any folder in front, and what it says of them.
 
@@ -138,6 +141,8 @@ def listed_files(folder):
         name, entry = _entry(row, 'path', str), _listed(row)
         if name in files and entry is not None:
             files[name] = entry
+    if len(files) == 1 and NOTHING in files.values():  # before version 5 the bag alone has numbers
+        files = dict.fromkeys(files, _listed(info) or NOTHING)
     return files, '' if files else f'{METADATA_FILE} lists no file'
 
 

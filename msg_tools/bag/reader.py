@@ -29,8 +29,9 @@ from contextlib import ExitStack
 
 from mcap.opcode import Opcode
 
+from .chunks import NEVER
 from .compression import MAX_CHUNK
-from .file import MIN_RECORDS, BagFile, attachment_data
+from .file import MIN_RECORDS, attachment_data, logs_in
 from .log import BagMessage, LogTopic, Reader
 from .mcap_records import PARSE_ERRORS, short, walk
 from .metadata import Listed
@@ -75,23 +76,23 @@ class BagReader(Reader):
 
     def __init__(self, path):
         super().__init__(path)
-        self._schemas = {}
         self._files = []
         found = self._find()
         for file in found:
             try:
-                self._files.append(BagFile(file, len(self._files)))
+                self._files += logs_in(file, len(self._files))
             except ValueError as error:
                 if len(found) == 1:
                     raise
                 self._problems.append(str(error))
         if not self._files:
             raise ValueError(f'{self.path}: none of its files can be read as a log')
+        self._compare_with_metadata(self._found())
         for before, file in zip([None, *self._files], self._files):
             self._problems += file.problems
             if before is not None and _follows(file, before):
                 _drop_repeated(file)
-        self.files = [file.path for file in self._files]
+        self.files = list(dict.fromkeys(file.path for file in self._files))
         self.complete = all(file.complete for file in self._files)
         self.metadata = {
             record.name: record.metadata for file in self._files for record in file.metadata}
@@ -106,16 +107,35 @@ class BagReader(Reader):
     def problems(self):
         """What is wrong with the log, one str each; grows while messages are read."""
         return super().problems + [
-            f'{file.path.name}: the chunk at byte {offset} has a damaged head ({why}); by its '
-            'checksum nothing of it is lost'
+            f'{file.path.name}: the chunk at byte {file.begin + offset} has a damaged head '
+            f'({why}); by its checksum nothing of it is lost'
             for file in self._files for offset, why in sorted(file.mended.items())] + [
             f'{path.name}: {part}' for path, part in self.lost if part.why]
 
     @property
     def lost(self):
         """(Path, `Lost`) of what could not be read, messages by topic; grows as `problems`."""
-        return [(file.path, part._replace(counts=file.by_topic(part.counts)))
+        return [(file.path, part._replace(offset=file.begin + part.offset,
+                                          counts=file.by_topic(part.counts)))
                 for file in self._files for part in file.lost]
+
+    @property
+    def checksums(self):
+        """Whether checksums vouch for all messages that were read so far."""
+        return not any(file.unchecked for file in self._files)
+
+    def _found(self):
+        """Of each file that is whole: `Listed`, as metadata.yaml should have it."""
+        found = {}
+        for path in dict.fromkeys(file.path for file in self._files):
+            logs = [file for file in self._files if file.path == path]
+            if all(file.indexed or (file.closed and not file.lost) for file in logs):
+                spans = [span for file in logs for span in file.segments]
+                found[path.name] = Listed(
+                    sum(sum(file.counts.values()) for file in logs),
+                    min((span.start for span in spans), default=NEVER),
+                    max((span.end for span in spans), default=0))
+        return found
 
     def recorded(self):
         """Messages that were recorded, as far as the log shows.
@@ -129,33 +149,27 @@ class BagReader(Reader):
         known : bool
             Whether these are all.
         """
-        topics, others, known = Counter(), 0, True
+        topics, known = Counter(), True
+        missing = Counter({name: row.count for name, row in self._listed.items()})
         for file in self._files:
             counts = file.counts
             if not file.indexed:
                 counts = sum((Counter(part.counts) for part in file.lost), counts)
-            row = self._listed.get(file.path.name, Listed())
-            missing = row.count - sum(file.repeated.values()) - sum(counts.values())
+            missing[file.path.name] -= sum(file.repeated.values()) + sum(counts.values())
             topics.update(file.by_topic(counts))
-            others += max(0, missing) if file.lost and not file.indexed else 0
             known = known and file.closed and (
-                file.indexed or missing >= 0 or all(part.known for part in file.lost))
-        for name, row in self._listed.items():
-            if not any(file.path.name == name for file in self._files):
-                others += row.count
-                known = known and row.count > 0
-        return topics, others, known
+                file.indexed or missing[file.path.name] >= 0
+                or all(part.known for part in file.lost))
+        there = {file.path.name for file in self._files}
+        known = known and all(row.count for name, row in self._listed.items() if name not in there)
+        return topics, sum(max(0, count) for count in missing.values()), known
 
-    def schema_of(self, topic, type_name):
-        """(`mcap` Schema, encoding of the messages) of a topic's type; (None, '') without."""
-        key = topic, type_name
-        if key not in self._schemas:
-            self._schemas[key] = next(
-                ((file.schemas[channel.schema_id], channel.message_encoding)
-                 for file in self._files for channel in file.channels.values()
-                 if channel.topic == topic and channel.schema_id in file.schemas
-                 and file.schemas[channel.schema_id].name == type_name), (None, ''))
-        return self._schemas[key]
+    def _find_schema(self, topic, type_name):
+        return next(
+            ((file.schemas[channel.schema_id], channel.message_encoding)
+             for file in self._files for channel in file.channels.values()
+             if channel.topic == topic and channel.schema_id in file.schemas
+             and file.schemas[channel.schema_id].name == type_name), (None, ''))
 
     def _merge_topics(self):
         merged = {}
@@ -218,16 +232,6 @@ class BagReader(Reader):
             yield BagMessage(
                 topic, schema.name if schema else '', data, log_time, publish_time, sequence)
 
-    def decode(self, message):
-        """The object that a raw `BagMessage` of this log holds; None if it does not fit.
-
-        Returns
-        -------
-        object or None
-        """
-        schema, encoding = self.schema_of(message.topic, message.type)
-        return self._decoders.decode(message.topic, schema, encoding, message.data)
-
     def last_before(self, topics, end):
         """The newest message of each of `topics` with a log time before `end`, in order.
 
@@ -263,7 +267,7 @@ class BagReader(Reader):
         """Merge segments that overlap in time; only those under way are in memory."""
         heap, following, held = [], 0, 0
         with ExitStack() as stack:
-            streams = {id(f): stack.enter_context(open(f.path, 'rb')) for f in self._files}
+            streams = {id(f): stack.enter_context(f.open()) for f in self._files}
             while heap or following < len(segments):
                 while following < len(segments) and (
                         not heap or segments[following].start <= heap[0][0]):

@@ -21,7 +21,7 @@ from contextlib import suppress
 
 from mcap.opcode import Opcode
 
-from .chunks import NEVER
+from .chunks import MAGIC, NEVER
 from .compression import CHUNK_HEAD, MAX_CHUNK
 from .losses import Lost
 from .mcap_records import (
@@ -34,11 +34,14 @@ from .mcap_records import (
 
 #: bytes that are looked through at a time for the next chunk after a damaged record
 WINDOW = 2**22
+#: logs, one behind the other, that are read of a file
+MOST_LOGS = 50
 #: records that stand before the end of the data
 _DATA_OPCODES = frozenset(map(int, (
     Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX,
     Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END)))
 _DATA_END = re.compile(rb'\x0f\x04\0{7}.{4}[\x02-\x0e].{5}\0{3}', re.DOTALL)
+_MAGIC, _LOG = re.compile(re.escape(MAGIC)), re.compile(re.escape(MAGIC) + b'\x01')
 _INDEX = re.compile(rb'\x07.{4}\0{4}', re.DOTALL)
 
 
@@ -107,6 +110,11 @@ class LogScan:
     def _conclude(self, pos, closed):
         file = self._file
         file.closed = closed
+        if closed:
+            self._look_behind(pos)
+        if file.follows is not None:
+            file.note(f'another MCAP log of {file.size - file.follows} bytes begins at byte '
+                      f'{file.begin + file.follows}: its messages are read, too')
         if closed and file.ended:
             file.complete = not (file.problems or file.lost or file.mended)
         elif closed:
@@ -115,7 +123,20 @@ class LogScan:
             if pos < self._size:
                 file.lost.append(Lost(pos, self._size - pos, '', {}, False))
             file.note(f'not closed: {sum(file.counts.values())} messages read up to byte '
-                     f'{min(pos, self._size)} of {self._size}')
+                      f'{file.begin + min(pos, self._size)} of {file.begin + self._size}')
+
+    def _look_behind(self, pos):
+        """What comes after a log whose data end at `pos`."""
+        file = self._file
+        end = self._find(_MAGIC, pos)
+        if end is None:
+            return
+        file.ended = file.at(end, 9) != MAGIC + b'\x01'
+        end += len(MAGIC) * file.ended
+        file.follows = self._find(_LOG, end) if file.rank < MOST_LOGS else None
+        rest = (self._size if file.follows is None else file.follows) - end
+        if rest > 0:
+            file.lost.append(Lost(end, rest, 'they follow the end of the log', {}, False))
 
     def _is_record(self, pos):
         """Whether a record of the data may be at `pos`."""
@@ -164,7 +185,8 @@ class LogScan:
             self._count_one_of(pos + 9, {min(end, self._size), min(inner, self._size)})
         except PARSE_ERRORS as error:
             behind = pos < self._behind and self._is_record(self._behind)  # a message index
-            if behind or end > self._size or (end != inner and not self._is_record(end)):
+            if behind or end > self._size or (end != inner and not self._is_record(end)) or (
+                    self._find(_LOG, pos, end) is not None):
                 return None
             times, behind = indexes_at(file.stream, end)
             file.lose(pos, end - pos, short(error), times, bool(times) and self._is_record(behind))
@@ -207,8 +229,8 @@ class LogScan:
                     file.take(opcode, buffer[begin:end])
                 except PARSE_ERRORS as error:
                     if len(file.problems) < 100:
-                        file.note(f'a record in the chunk at byte {offset - 9} is damaged '
-                                 f'({short(error)}) and left out')
+                        file.note(f'a record in the chunk at byte {file.begin + offset - 9} is '
+                                  f'damaged ({short(error)}) and left out')
         if counts:
             file.counts.update(counts)
             file.segment(first, last, offset, length, chunk=True, partial=cut,
@@ -226,7 +248,11 @@ class LogScan:
         if pos < self._behind and self._is_record(self._behind):
             file.lost.append(Lost(pos, self._behind - pos, 'message index', {}, True))
             return self._behind
-        following = self._next_chunk(pos + 1) or self._data_end(pos + 1)
+        following = self._next_chunk(pos + 1) or self._find(_DATA_END, pos + 1)
+        another = self._find(_LOG, pos, following) if file.rank < MOST_LOGS else None
+        if another is not None:  # its channels have other numbers
+            file.follows = self._size = another
+            following = None
         if following is None:
             if is_chunk:
                 self._count(pos + 9, self._size - pos - 9, cut=True)
@@ -255,10 +281,11 @@ class LogScan:
             pos += WINDOW
         return None
 
-    def _data_end(self, pos):
-        """Offset of the end of the data from `pos` on, or None."""
-        while pos + 13 <= self._size:
-            match = _DATA_END.search(self._file.at(pos, WINDOW + 64))
+    def _find(self, pattern, pos, stop=None):
+        """Offset of the first match from `pos` on, before `stop`, or None."""
+        stop = self._size if stop is None else stop
+        while pos < stop:
+            match = pattern.search(self._file.at(pos, min(WINDOW + 64, stop - pos)))
             if match and match.start() < WINDOW:
                 return pos + match.start()
             pos += WINDOW

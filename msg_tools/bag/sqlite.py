@@ -24,6 +24,7 @@ from mcap.records import Schema
 
 from .log import BagMessage, LogTopic, Reader
 from .mcap_records import short
+from .metadata import NOTHING, Listed
 from .reader import BagReader
 from .ros_schema import message_definition
 
@@ -69,17 +70,19 @@ class SqliteReader(Reader):
     """
 
     SUFFIX = '.db3'
-    metadata, attachments = {}, ()
+    metadata, attachments, lost = {}, (), ()
+    checksums = False  # SQLite has none
 
     def __init__(self, path):
         super().__init__(path)
-        self._definitions, self._schemas = {}, {}
+        self._definitions, self._described = {}, {}
         self.files = self._find()
         self._rows = {}  # file -> {topic id: (name, type, format, qos text, hash)}
-        counts, spans = Counter(), []
+        counts, self._in_files = Counter(), {}
         for file in self.files:
-            if file.with_name(f'{file.name}-wal').exists():
-                self._problems.append(f'{file.name}-wal is not read: the newest may be missing')
+            times = []
+            if _wal(file).exists():
+                self._problems.append(f'{_wal(file).name} is not read: the newest may be missing')
             try:
                 with closing(_connect(file)) as base:
                     self._rows[file] = self._read_topics(base)
@@ -88,7 +91,10 @@ class SqliteReader(Reader):
                             'FROM messages GROUP BY topic_id'):
                         if number in self._rows[file]:
                             counts[self._rows[file][number][:2]] += count
-                            spans += [first, last]
+                            times.append((first, last, count))
+                if times:
+                    first, last, count = zip(*times)
+                    self._in_files[file.name] = Listed(sum(count), min(first), max(last))
             except (sqlite3.Error, TypeError, OverflowError) as error:
                 raise ValueError(f'{file} is no bag of rosbag2 ({short(error)})') from None
         merged = {}
@@ -97,9 +103,29 @@ class SqliteReader(Reader):
                 merged.setdefault((name, type_name), LogTopic(
                     name, type_name, counts[name, type_name], self._qos_of(name, qos_text), hash_))
         self.topics = list(merged.values())
-        self.start_time, self.end_time = min(spans, default=None), max(spans, default=None)
+        spans = self._in_files.values()
+        self.start_time = min((span.start for span in spans), default=None)
+        self.end_time = max((span.end for span in spans), default=None)
+        self._compare_with_metadata(
+            {file.name: self._in_files.get(file.name, NOTHING) for file in self.files})
+        for file in self.files:
+            if self._listed.get(file.name, NOTHING).count > self._in_files.get(
+                    file.name, NOTHING).count and not _wal(file).exists():
+                self._problems.append(f'{_wal(file).name}, where the newest may be, is not there')
         self._check_times()
         self.complete = True
+
+    def recorded(self):
+        """Messages that were recorded; see `BagReader.recorded`."""
+        topics = Counter()
+        for topic in self.topics:
+            topics[topic.name] += topic.count
+        missing = {name: row.count - self._in_files.get(name, NOTHING).count
+                   for name, row in self._listed.items()}
+        there = {file.name for file in self.files}
+        known = all(row.count for name, row in self._listed.items() if name not in there)
+        return topics, sum(max(0, count) for count in missing.values()), known and not any(
+            _wal(file).exists() for file in self.files)
 
     def _read_topics(self, base):
         kinds = dict(base.execute('SELECT name, type FROM sqlite_master'))
@@ -119,19 +145,25 @@ class SqliteReader(Reader):
                     self._definitions[str(name)] = str(text)
         return rows
 
+    def _find_schema(self, topic, type_name):
+        encoding = next((row[2] for rows in self._rows.values() for row in rows.values()
+                         if row[:2] == (topic, type_name)), '')
+        schema = encoding and self._schema(type_name)
+        return (schema, encoding) if schema else (None, '')
+
     def _schema(self, type_name):
         """The `mcap` Schema of a type; None where there is no definition of it, which is told."""
-        if type_name not in self._schemas:
-            self._schemas[type_name] = None
+        if type_name not in self._described:
+            self._described[type_name] = None
             try:
                 text = self._definitions.get(type_name)
                 if text is None:
                     text = message_definition(type_name)
-                self._schemas[type_name] = Schema(
+                self._described[type_name] = Schema(
                     id=1, name=type_name, encoding='ros2msg', data=text.encode())
             except ValueError as error:
                 self._problems.append(str(error))
-        return self._schemas[type_name]
+        return self._described[type_name]
 
     def messages(self, topics=None, start=None, end=None, decode=False):
         """Messages in the order of their time; see `BagReader.messages`.
@@ -145,13 +177,12 @@ class SqliteReader(Reader):
         for when, _, _, row, data in heapq.merge(
                 *(self._rows_of(n, file, wanted, low, high) for n, file in enumerate(self.files)),
                 key=lambda row: row[:3]):
-            name, type_name, encoding = row[:3]
+            message = BagMessage(*row[:2], data, when, when)
             if decode:
-                schema = self._schema(type_name)
-                data = schema and self._decoders.decode(name, schema, encoding, data)
-                if data is None:
+                message = message._replace(data=self.decode(message))
+                if message.data is None:
                     continue
-            yield BagMessage(name, type_name, data, when, when)
+            yield message
 
     def last_before(self, topics, end):
         """The newest message of each of `topics` with a time before `end`, in order."""
@@ -192,6 +223,11 @@ class SqliteReader(Reader):
                         self._skipped[f'{file.name}: rows that are no message left out'] += 1
             except sqlite3.Error as error:
                 self._problems.append(f'{file.name}: {short(error)}; what follows is lost')
+
+
+def _wal(file):
+    """What SQLite has not put into a file yet."""
+    return file.with_name(f'{file.name}-wal')
 
 
 def _connect(file):

@@ -78,12 +78,12 @@ def _run(args):
     from calibration.report.fit_page import render_fit
     from calibration.report.fit_tables import fit_tables
 
+    from ..night_files import is_log
     from ..run_loader import load_run
     from .console import files_of, new_console, print_all, write_outputs
     # in logs of ours the zeros of the power-ons are known, and taken off
     run = load_run(args.file, **options.place_of(args), exclude=args.exclude)
-    run = one_of_runs(run, args.number, args.sessions != 0.0 or args.file.is_dir()
-                      or args.file.suffix == '.mcap')
+    run = one_of_runs(run, args.number, args.sessions != 0.0 or is_log(args.file))
     base = None
     if args.base:
         from calibration.analysis.base_model import BaseModel

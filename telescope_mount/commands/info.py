@@ -97,7 +97,8 @@ def log_info(path, *, quick=False):
         'size_bytes': sum(Path(file).stat().st_size for file in bag.files),
         'start': utc(bag.start_time), 'end': utc(bag.end_time), 'duration_s': span,
         'messages': sum(row['count'] for row in topics), 'topics': topics,
-        'complete': bag.complete, 'read_through': not quick, 'truth': bag.has_truth,
+        'complete': bag.complete, 'read_through': not quick, 'checksums': bag.checksums,
+        'truth': bag.has_truth,
         'written_with': dict(bag.metadata.get(OWN_RECORD, {})),
         'nodes': sorted(name.split(' ', 1)[1] for name in bag.metadata
                         if name.startswith('parameters ')),
@@ -112,6 +113,7 @@ def _read_through(bag):
     from msg_tools.gaps import SequenceGaps
     latched = {(t.name, t.type): t.latched for t in bag.topics}
     seen, odd, parts, before = {}, [], [], None  # parts: times and numbers between long pauses
+    twice, same = 0, set()  # same: messages of one time
     for message in bag.messages():
         key, now = (message.topic, message.type), message.log_time
         row = seen.get(key)
@@ -120,11 +122,18 @@ def _read_through(bag):
         row[1] = now
         row[2] += 1
         row[3].add(message.sequence)
+        if now != before:
+            same.clear()
+        one = hash((key, message.publish_time, message.sequence, message.data))
+        twice += message.sequence > 0 and one in same
+        same.add(one)
         if before is None or now - before > PAUSE:
             parts.append([now, now, 0, set()])
         before = parts[-1][1] = now
         parts[-1][2] += 1
         parts[-1][3].add(message.topic)
+    if twice:
+        odd.append(f'{counted(twice, True)} are there twice, as of a file that was copied')
     total = sum(part[2] for part in parts)
     for first, last, count, topics in parts:
         if count <= FEW * total:
@@ -191,6 +200,9 @@ def info_lines(info):
         *([f'attachments        {", ".join(a["name"] for a in info["attachments"])}']
           if info['attachments'] else []),
         'integrity          ' + (
-            'damaged or not closed, see below' if info['problems'] or not info['complete'] else
-            'whole, every checksum is right' if info['read_through'] else 'closed properly'),
+            'damaged or not closed, see below' if not info['complete'] else
+            'not as it should be, see below' if info['problems'] else
+            'closed properly' if not info['read_through'] else
+            'whole, every checksum is right' if info['checksums'] else
+            'whole, without checksums'),
         [f'problem: {problem}' for problem in info['problems']]]

@@ -58,7 +58,8 @@ def _what_is_lost(report):
         count = f'at least {count}' if report['messages_lost'] else 'how many are lost is not known'
     parts = [part for part in report['parts'] if part['start_ns'] is not None]
     when = f', {span(parts[0]["start_ns"], parts[0]["end_ns"])}' if len(parts) == 1 else ''
-    return f'{count} ({report["lost_bytes"]} bytes){when}'
+    damaged = f' ({report["lost_bytes"]} bytes)' if report['lost_bytes'] else ''
+    return f'{count}{damaged}{when}'
 
 
 def recover_log(bag, out=None):
@@ -67,7 +68,7 @@ def recover_log(bag, out=None):
     Parameters
     ----------
     bag : str or Path
-        A folder or an ``.mcap`` file; it is only read.
+        A folder, an ``.mcap`` or a ``.db3`` file; it is only read.
     out : str or Path, optional
         Folder of the new log, which must not exist or be empty; ``<bag>_recovered`` by default.
 
@@ -87,13 +88,14 @@ def recover_log(bag, out=None):
     OSError
         It may not be read, or `out` not be written.
     """
-    from msg_tools.bag import OWN_RECORD, BagReader, BagWriter
+    from msg_tools.bag import OWN_RECORD, BagWriter
+    from msg_tools.bag.sqlite import open_bag
     from msg_tools.bag.writer import REPEATED_RECORD, STOPPED_RECORD
     bag = Path(bag)
     out = Path(out) if out is not None else bag.with_name(f'{bag.stem}_recovered')
     if bag.is_dir() and bag.resolve() in (out.resolve(), *out.resolve().parents):
         raise ValueError(f'{out} lies in the log itself; choose another folder with --out')
-    reader = BagReader(bag)
+    reader = open_bag(bag)
     # what the new log writes by itself, or what says of the old files
     own = ('rosbag2', OWN_RECORD, REPEATED_RECORD, STOPPED_RECORD)
     notes = []

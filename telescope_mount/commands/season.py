@@ -94,11 +94,11 @@ def run(args):
 
 def _files(paths):
     """What was named; of a folder that is no log, the files and the nights in it."""
+    from ..night_files import holds_log
     for path in paths:
-        if path.is_dir() and not any(path.glob('*.mcap')):
+        if path.is_dir() and not holds_log(path):
             logs = (options.log_path(p) for p in path.iterdir() if p.name[0] != '.')
-            inside = sorted(p for p in logs if p.is_file() or (
-                p.is_dir() and any(p.glob('*.mcap'))))
+            inside = sorted(p for p in logs if p.is_file() or holds_log(p))
             if not inside:
                 raise ValueError(f'{path} is empty: name pointing runs')
             yield from inside
