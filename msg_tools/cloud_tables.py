@@ -22,6 +22,8 @@ import numpy as np
 from .convert import MOUNT_FRAME, stamped
 
 _FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
+#: numpy's names of PointField's kinds, from 1 on
+_KINDS = ('i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8')
 # x, y, z as float32 and a gap, so that the float64 begin at a multiple of 8 bytes: so many of those
 _DRAWN = 2
 
@@ -89,16 +91,45 @@ def cloud_to_table(message, required=(), what='table'):
     ValueError
         A required column is missing, or the data do not fill the rows that are declared.
     """
-    rows = message.width * message.height
-    fields = {f.name: f.offset for f in message.fields if f.datatype == _FLOAT64 and f.count == 1}
-    missing = [name for name in required if name not in fields]
+    fields = [f for f in message.fields if f.datatype == _FLOAT64 and f.count == 1]
+    there = {f.name for f in fields}
+    missing = [name for name in required if name not in there]
     if missing:
         raise ValueError(f'{what} without float64 field {", ".join(missing)}')
-    step = message.point_step
-    if len(message.data) < rows * step or any(o + 8 > step for o in fields.values()):
-        raise ValueError(f'{what}: {len(message.data)} bytes for {rows} rows of {step} bytes')
+    data = cloud_points(message, fields, what)
+    return {name: data[name].astype(float) for name in data.dtype.names}
+
+
+def cloud_points(message, fields=None, what='points'):
+    """The points of a PointCloud2.
+
+    Parameters
+    ----------
+    message : sensor_msgs.msg.PointCloud2
+    fields : list of sensor_msgs.msg.PointField, optional
+        Which of them; all by default.
+    what : str
+        What it is, for the error.
+
+    Returns
+    -------
+    ndarray of structures, shape (n,)
+
+    Raises
+    ------
+    ValueError
+        The data do not fill the rows that are declared, or a field is none.
+    """
+    rows, step = message.width * message.height, message.point_step
     order = '>' if message.is_bigendian else '<'
-    dtype = np.dtype({'names': list(fields), 'formats': [f'{order}f8'] * len(fields),
-                      'offsets': list(fields.values()), 'itemsize': step})
-    data = np.frombuffer(bytes(message.data), dtype, rows)
-    return {name: data[name].astype(float) for name in fields}
+    fields = {f.name: f for f in (message.fields if fields is None else fields)}
+    if not all(1 <= f.datatype <= len(_KINDS) for f in fields.values()):
+        raise ValueError(f'{what}: a field of no kind that PointField has')
+    kinds = [np.dtype((f'{order}{_KINDS[f.datatype - 1]}', f.count) if f.count > 1 else
+                      f'{order}{_KINDS[f.datatype - 1]}') for f in fields.values()]
+    if len(message.data) < rows * step or any(
+            f.offset + kind.itemsize > step for f, kind in zip(fields.values(), kinds)):
+        raise ValueError(f'{what}: {len(message.data)} bytes for {rows} rows of {step} bytes')
+    dtype = np.dtype({'names': list(fields), 'formats': kinds,
+                      'offsets': [f.offset for f in fields.values()], 'itemsize': step})
+    return np.frombuffer(bytes(message.data), dtype, rows)

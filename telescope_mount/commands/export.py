@@ -16,6 +16,7 @@
 
 import math
 import re
+from collections import Counter
 from importlib import resources
 from itertools import islice
 from pathlib import Path
@@ -32,6 +33,7 @@ PROGRAMS = (*sorted(module.name for module in iter_modules([str(
 #: an array with more elements than this is no table column each: its length is written
 MAX_COLUMNS = 64
 _BATCH = 5000
+_CLOUD = 'sensor_msgs/msg/PointCloud2'
 
 
 def add(commands):
@@ -86,7 +88,7 @@ def run(args):
                                         overwrite=args.overwrite)
         print_lines(console, 'note', problems)
         for path, rows in files.items():
-            console.print(f'{rows} messages: {path}', soft_wrap=True)
+            console.print(f'{rows} rows: {path}', soft_wrap=True)
         write_outputs(console, args, {'files': files, 'problems': problems})
         return
     if not _same(args.out, args.file):
@@ -193,8 +195,7 @@ def export_run(source, path, *, start=None, end=None, **options):
         ns = run['time'] * 1e9
         chosen = run.select((ns >= low) & (ns < high))
         if len(chosen) == 0:
-            raise ValueError(f'{source} has no observation from {start or "its start"} to '
-                             f'{end or "its end"}')
+            raise ValueError(f'{source} has no observation {_between(start, end)}')
         run = chosen
     if path.suffix == '.parquet':
         _write_parquet(run, path)
@@ -205,6 +206,8 @@ def export_run(source, path, *, start=None, end=None, **options):
 
 def export_topics(source, out, topics, *, form='csv', start=None, end=None, overwrite=False):
     """Write the messages of topics as tables, a row a message and a column a number.
+
+    Of a PointCloud2, such as `observation`, each point is a row, with its fields as columns.
 
     Parameters
     ----------
@@ -230,7 +233,8 @@ def export_topics(source, out, topics, *, form='csv', start=None, end=None, over
     Raises
     ------
     ValueError
-        A topic is not in the log, a file is there already, or Parquet cannot be written.
+        A topic is not in the log, no message is in the span, a file is there already, or Parquet
+        cannot be written.
     OSError
         It cannot be read, or a file not be written.
 
@@ -246,9 +250,12 @@ def export_topics(source, out, topics, *, form='csv', start=None, end=None, over
     bag = open_bag(source)
     names = [_full_name(bag, source, topic) for topic in topics]
     low, high = _span(start, end, bag.start_time or 0)
-    out = Path(out)
+    if (start, end) != (None, None) and next(bag.messages(names, low, high), None) is None:
+        raise ValueError(f'{source} has no message of {", ".join(topics)} '
+                         f'{_between(start, end)}')
+    out, clouds = Path(out), Counter()
     out.mkdir(parents=True, exist_ok=True)
-    files = {}
+    files, problems = {}, []
     for name in dict.fromkeys(names):
         path = out / f'{re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")}.{form}'
         if path.exists() and not overwrite:
@@ -256,11 +263,14 @@ def export_topics(source, out, topics, *, form='csv', start=None, end=None, over
                              '--overwrite')
 
         def rows(name=name):
-            return (_flat(m) for m in bag.messages(name, low, high, decode=True))
+            clouds.clear()
+            return (row for m in bag.messages(name, low, high, decode=True)
+                    for row in (_points(m, clouds) if m.type == _CLOUD else [_flat(m)]))
         columns = _columns(rows())
         with beside(path) as part:
             files[path] = _write_table(part, form, columns, rows())
-    return files, bag.problems
+        problems += [f'{name}: {count} messages left out: {why}' for why, count in clouds.items()]
+    return files, bag.problems + problems
 
 
 def time_of(text, begin):
@@ -300,6 +310,10 @@ def _span(start, end, begin):
     return low, high
 
 
+def _between(start, end):
+    return f'from {start or "its start"} to {end or "its end"}'
+
+
 def _full_name(bag, source, topic):
     there = [t.name for t in bag.topics]
     found = [n for n in there if n == topic] or [n for n in there if n.endswith('/' + topic)]
@@ -309,24 +323,49 @@ def _full_name(bag, source, topic):
     return found[0]
 
 
+def _times(message):
+    return {'log_time_ns': message.log_time, 'publish_time_ns': message.publish_time}
+
+
 def _flat(message):
     """Name and value of all numbers and texts of a message."""
-    row = {'log_time_ns': message.log_time, 'publish_time_ns': message.publish_time}
-
-    def take(name, value):
-        if isinstance(value, bool | int | float | str):
-            row[name] = value
-        elif isinstance(value, bytes | bytearray | memoryview) or (
-                hasattr(value, '__len__') and len(value) > MAX_COLUMNS):
-            row[f'{name}.length'] = len(value)
-        elif hasattr(value, '__len__'):
-            for number, part in enumerate(value):
-                take(f'{name}[{number}]', part)
-        else:
-            for part in getattr(value, '__slots__', ()):
-                take(f'{name}.{part}' if name else part, getattr(value, part))
-    take('', message.data)
+    row = _times(message)
+    _take(row, '', message.data)
     return row
+
+
+def _take(row, name, value):
+    """Put a value into a row: under its name, or parts of it under theirs."""
+    if isinstance(value, bool | int | float | str):
+        row[name] = value
+    elif isinstance(value, bytes | bytearray | memoryview) or (
+            hasattr(value, '__len__') and len(value) > MAX_COLUMNS):
+        row[f'{name}.length'] = len(value)
+    elif hasattr(value, '__len__'):
+        for number, part in enumerate(value):
+            _take(row, f'{name}[{number}]', part)
+    else:
+        for part in getattr(value, '__slots__', ()):
+            _take(row, f'{name}.{part}' if name else part, getattr(value, part))
+
+
+def _points(message, wrong):
+    """A row of each point of a cloud, with the stamp; `wrong` counts those that have none."""
+    from msg_tools.bag.mcap_records import short
+    from msg_tools.cloud_tables import cloud_points
+    cloud = message.data
+    try:
+        points = cloud_points(cloud)
+    except ValueError as error:
+        wrong[short(error)] += 1
+        return
+    about = _times(message)
+    _take(about, 'header', cloud.header)
+    for point in points:
+        row = dict(about)
+        for name, value in zip(points.dtype.names, point.tolist()):
+            _take(row, name, value)
+        yield row
 
 
 def _columns(rows):

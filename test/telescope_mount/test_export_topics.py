@@ -15,12 +15,16 @@
 import csv
 import struct
 import sys
+from types import SimpleNamespace
 
 import pytest
+from places import ROOT
 
 from msg_tools.bag import BagWriter
+from msg_tools.cloud_tables import cloud_points
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run, export_topics, time_of
+from telescope_mount.run_loader import load_run
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
 JOINTS = b"""int32 id
@@ -123,7 +127,7 @@ def test_parquet_that_is_not_installed_is_one_line(log, tmp_path, monkeypatch, c
 def test_command_and_what_is_refused(log, tmp_path, capsys):
     assert main(['export', str(log), str(tmp_path / 'out'), '--topics', 'joints',
                  '--end', '4']) == 0
-    assert '4 messages: ' in capsys.readouterr().out
+    assert '4 rows: ' in capsys.readouterr().out
     for args, words in ((['--topics', 'joints'], 'is there already'),
                         (['--topics', 'nothing'], 'is no topic of'),
                         (['--topics', 'joints', '--start', '9', '--end', '8'], 'not after'),
@@ -142,3 +146,32 @@ def test_observations_of_a_span(tmp_path):
     assert len(rows_of(tmp_path / 'part.csv')) == 3
     with pytest.raises(ValueError, match='no observation from 500'):
         export_run(run, tmp_path / 'none.csv', start='500')
+
+
+def test_points_of_a_cloud_are_rows_and_a_span_without_messages_is_refused(tmp_path, capsys):
+    log, out = ROOT / 'examples' / 'night' / 'bag', tmp_path / 'out'
+    (path,), problems = export_topics(log, out, ['observation'])
+    rows, run = rows_of(path), load_run(log)
+    assert problems == [] and len(rows) >= len(run)
+    assert {'log_time_ns', 'header.stamp.sec', 'az', 'el', 'az_enc', 'star'} <= set(rows[0])
+    assert not any(name.startswith('fields') or name == 'data.length' for name in rows[0])
+    assert set(run['az'].tolist()) <= {float(row['az']) for row in rows}
+    assert main(['export', str(log), str(tmp_path / 'none'), '--topics', 'observation',
+                 '--start', '99999']) == 2
+    assert 'has no message of observation from 99999 to its end' in capsys.readouterr().err
+    assert not (tmp_path / 'none').exists()
+
+
+def test_clouds_of_all_kinds_of_fields():
+    def field(name, offset, datatype, count=1):
+        return SimpleNamespace(name=name, offset=offset, datatype=datatype, count=count)
+    cloud = SimpleNamespace(
+        width=2, height=1, point_step=16, is_bigendian=True, data=2 * struct.pack(
+            '>hBb3f', -2, 200, -1, 1.0, 2.0, 3.0),
+        fields=[field('a', 0, 3), field('b', 2, 2), field('c', 3, 1), field('d', 4, 7, 3)])
+    points = cloud_points(cloud)
+    assert points['a'].tolist() == [-2, -2] and points['b'].tolist() == [200, 200]
+    assert points['c'].tolist() == [-1, -1] and points['d'].tolist() == 2 * [[1.0, 2.0, 3.0]]
+    for wrong in (field('e', 12, 8), field('e', 0, 9), field('e', 0, 7, 2**31)):
+        with pytest.raises(ValueError):
+            cloud_points(SimpleNamespace(**{**vars(cloud), 'fields': [wrong]}))
