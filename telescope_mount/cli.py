@@ -53,7 +53,7 @@ def main(argv=None):
         print(f'ended by {by}{logged}', file=sys.stderr)
         return 128 + number
     except BrokenPipeError:
-        _silence_output()  # nobody reads on
+        silence_output()  # nobody reads on
         return 0
     except ImportError as err:
         from .missing_ros import missing
@@ -66,12 +66,12 @@ def main(argv=None):
         try:
             sys.stdout.flush()
         except (OSError, ValueError):  # it is the output that cannot be written
-            _silence_output()
+            silence_output()
         print(f'error: {_one_line(err)}', file=sys.stderr)
         return 2
 
 
-def _silence_output():
+def silence_output():
     """What the standard output could not take the interpreter would try once more at its end."""
     from contextlib import suppress
     with open(os.devnull, 'w') as nobody, suppress(OSError, ValueError):

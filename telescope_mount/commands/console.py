@@ -51,7 +51,8 @@ def new_console(stderr=False):
             super().print(*objects, **options)
 
         def on_broken_pipe(self):
-            raise BrokenPipeError  # `cli.main` ends for it
+            from ..cli import silence_output
+            silence_output()  # nobody reads on: what is found still decides the exit code
     # a pipe has no width of its own
     terminal = (sys.stderr if stderr else sys.stdout).isatty()
     wide = None if terminal or os.environ.get('COLUMNS', '').isdigit() else 120

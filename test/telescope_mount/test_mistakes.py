@@ -166,3 +166,11 @@ def test_progress_is_on_a_terminal_only(folder, tmp_path):
     # of the diagnosis itself there is what its search found
     assert out.startswith(b'first answer, not yet validated: ')
     assert b'folds' not in out and b'rows used' not in out
+
+
+def test_a_damaged_log_is_one_though_nobody_reads_on(tmp_path):
+    data = next((ROOT / 'examples' / 'night' / 'bag').glob('*.mcap')).read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(data[:len(data) // 2])
+    process = run('info', 'cut.mcap', cwd=tmp_path)
+    process.stdout.close()
+    assert (process.wait(60), process.stderr.read()) == (1, '')
