@@ -17,6 +17,32 @@
 import numpy as np
 
 _HALVINGS = 60  # of an interval that holds the extra variance
+#: chance of a pattern of sigmas that says nothing, and by how many exchanges it is told
+_LEVEL, _EXCHANGES = 0.05, 499
+
+
+def are_borne_out(values, design, variances):
+    """Whether values scatter more where their sigmas are larger: else these say nothing.
+
+    A line leaves less, in units of the sigmas, than with these exchanged at random. Sigmas whose
+    pattern is wrong would make causes of chance.
+
+    Parameters
+    ----------
+    values, design, variances
+        As of `whitening`.
+
+    Returns
+    -------
+    bool
+    """
+    rng = np.random.default_rng(1)
+    weights = 1.0 / rng.permuted(np.tile(variances, (_EXCHANGES + 1, 1)), axis=1)
+    weights[0] = 1.0 / variances
+    weighted = weights[:, :, np.newaxis] * design  # of each exchange, (n, k)
+    line = np.linalg.pinv(design.T @ weighted) @ (values @ weighted)[:, :, np.newaxis]
+    left = (weights * np.square(values - (design @ line)[:, :, 0])).sum(axis=1)
+    return bool(np.mean(left <= left[0] * (1.0 + 1e-9)) < _LEVEL)
 
 
 def whitening(values, design, variances, differences=False):

@@ -28,7 +28,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
 from ...estimation.covariate_choice import CovariateChoice, choose_covariates, fewest_epochs
-from ...estimation.extra_scatter import whitening
+from ...estimation.extra_scatter import are_borne_out, whitening
 from ...estimation.step_scan import student_factor
 from ...rows import floored
 from ..finding import Finding
@@ -133,7 +133,17 @@ def _variances(season):
         known = np.isfinite(sigmas) & (sigmas > 0.0)
         if known.any():
             out[:, axis] = np.square(floored(np.where(known, sigmas, np.median(sigmas[known]))))
+            if np.ptp(out[:, axis]) > 0.0 and not are_borne_out(season.zeros[:, axis], _lines(season, axis), out[:, axis]):
+                out[:, axis] = out[:, axis].mean()  # the pattern is not theirs
     return out
+
+
+def _lines(season, axis):
+    """A level, and as many covariates that are known as nights allow, shape (n, k)."""
+    n = len(season)
+    known = [of[:, axis] - of[:, axis].mean() for of in season.covariates.values()
+             if np.isfinite(of[:, axis]).all()]
+    return np.column_stack([np.ones(n), *known[:max(n // 3 - 1, 0)]])
 
 
 def usable_covariates(season):

@@ -83,6 +83,13 @@ def test_zeros_weigh_by_their_errors(times, known):
     assert tonight['zero_arcsec'] == pytest.approx(15.0, abs=3.0 * tonight['sigma_arcsec'])
 
 
+def test_errors_that_the_zeros_do_not_bear_out_change_nothing():
+    plain, rng = season(2, slope=3.0), np.random.default_rng(5)
+    by = [zero_causes(replace(plain, sigmas=sigmas * ARCSEC), leave_out=False)['axes']['azimuth'][
+        'causes'] for sigmas in (np.ones((11, 2)), np.exp(rng.normal(size=(11, 2))))]
+    assert by[0] == by[1]
+
+
 def test_an_unknown_error_is_as_the_others_and_equal_ones_change_nothing():
     plain = season(2, slope=3.0)
     by = [zero_causes(replace(plain, sigmas=sigmas * ARCSEC), leave_out=False)['axes']['azimuth'][
