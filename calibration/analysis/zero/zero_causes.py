@@ -133,7 +133,8 @@ def _variances(season):
         known = np.isfinite(sigmas) & (sigmas > 0.0)
         if known.any():
             out[:, axis] = np.square(floored(np.where(known, sigmas, np.median(sigmas[known]))))
-            if np.ptp(out[:, axis]) > 0.0 and not are_borne_out(season.zeros[:, axis], _lines(season, axis), out[:, axis]):
+            if np.ptp(out[:, axis]) > 0.0 and not are_borne_out(
+                    season.zeros[:, axis], _lines(season, axis), out[:, axis]):
                 out[:, axis] = out[:, axis].mean()  # the pattern is not theirs
     return out
 
