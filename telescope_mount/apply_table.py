@@ -32,7 +32,7 @@ from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.column_names import CSV_NAMES
 from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.columns.run_table import content, lines_of, own_name
-from pointing_model.runs.columns.solve_columns import refuse_hours
+from pointing_model.runs.columns.solve_columns import may_be_hours, refuse_hours
 from pointing_model.runs.run import COLUMNS, column_name
 from pointing_model.sky.refraction import air_of_rows
 from pointing_model.sky.site import Site
@@ -41,8 +41,6 @@ from pointing_model.zero_drift import KEY
 
 #: columns of such a table
 SKY = ('ra_deg', 'dec_deg')
-#: right ascensions that never exceed so much, in so many rows, may be hours
-_HOURS, _FEW = 24.0, 8
 
 def apply_to_table(model, args):
     """Turn the directions of a table into encoder angles, or back.
@@ -333,7 +331,7 @@ def observed(model, ra, dec, columns, cells, used, args, notes):
     latitude = model.mount.latitude if args.latitude is None else args.latitude * DEG
     refuse_hours(args.file, ra[used] * DEG, dec[used] * DEG, time[used],
                  Site(latitude, args.longitude * DEG, args.height or 0.0))
-    if used.sum() >= _FEW and ra[used].min() >= 0.0 and ra[used].max() <= _HOURS:
+    if may_be_hours(ra[used]):
         notes.append(f'ra_deg never exceeds {ra[used].max():.3g}: taken as degrees; are these '
                      'hours?')
     found = axis_angles(model, ra, dec, time, **how)

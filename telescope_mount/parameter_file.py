@@ -169,7 +169,7 @@ def _note(path, section, names, driven, namespace):
 
 def _check_site(nodes, path):
     """Of the observer, which on a real mount must have one, and of the guard."""
-    from .guard.allowed_sky import PLACE, apart
+    from .guard.allowed_sky import PLACE, differ
     sites = {}
     for name in {GUARD, OBSERVER} & nodes.keys():
         spec, values = nodes[name]
@@ -184,7 +184,7 @@ def _check_site(nodes, path):
     # without one the guard says itself whether it needs it; nodes refuse what is no number
     if not lacking and len(sites) == 2 and all(
             isinstance(value, int | float) for site in sites.values() for value in site) and (
-            apart(*sites.values())):
+            differ(*sites.values())):
         texts = [f'{name} ({", ".join(f"{value:.4f}" for value in sites[name])} deg)'
                  for name in sorted(sites)]
         raise ValueError(f'the nodes {" and ".join(texts)} have different sites: give all one'

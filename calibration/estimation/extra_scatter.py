@@ -17,12 +17,12 @@
 import numpy as np
 
 _HALVINGS = 60  # of an interval that holds the extra variance
-#: chance of a pattern of sigmas that says nothing, and by how many exchanges it is told
+#: chance below which a pattern of sigmas is no chance, and exchanges that give it
 _LEVEL, _EXCHANGES = 0.05, 499
 
 
 def are_borne_out(values, design, variances):
-    """Whether values scatter more where their sigmas are larger: else these say nothing.
+    """Whether values scatter more where their sigmas are larger: else these are no guide.
 
     A line leaves less, in units of the sigmas, than with these exchanged at random. Sigmas whose
     pattern is wrong would make causes of chance.

@@ -100,8 +100,8 @@ def short_headline(document, effects):
     """
     text = HEADLINES.get(document['verdict'])
     if document['verdict'] == 'none' and is_headline(document):
-        words = axes_words(document)
-        return f'{words[:1].upper()}{words[1:]}. N{unexplained(document)[1:]}.'
+        return ' '.join(f'{words[:1].upper()}{words[1:]}.'
+                        for words in (axes_words(document), unexplained(document)))
     if text:
         like = explanation((document.get('wander') or {}).get('explained_by', ())) \
             if document['verdict'] == 'wanders' else ''

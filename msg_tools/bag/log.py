@@ -149,7 +149,7 @@ class Reader:
                     + f', {span(row.start, row.end)}' * bool(row.count)
                     + '; if it is not of this log, move it away')
         both = [name for name in found if self._listed.get(name, NOTHING).count]
-        # which file of several has a message may be told wrong
+        # the file that holds a message may be another than was stated
         if sum(found[name].count - self._listed[name].count for name in both) == 0:
             return
         for name in both:

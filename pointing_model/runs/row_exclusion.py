@@ -54,32 +54,31 @@ def excluded_rows(run, text):
     ValueError
         No such row or column, or no such condition.
     """
-    return np.any([np.zeros(len(run), bool), *(_rows(run, part) for part in _parts(text))], axis=0)
+    out = np.zeros(len(run), bool)
+    for part in _parts(text):
+        numbers, condition = _ROWS.match(part), _CONDITION.match(part)
+        if numbers:
+            first, last = (int(one) for one in (numbers[1], numbers[2] or numbers[1]))
+            rows = (run.lines >= first) & (run.lines <= last)
+            if not rows.any():
+                raise ValueError(f'--exclude {part}: no such row is in use; they go from '
+                                 f'{run.lines.min()} to {run.lines.max()}')
+        elif condition:
+            rows = _where(run, *condition.groups())
+        else:
+            raise ValueError(f'--exclude {part}: write a row number, a range such as 45-48, or a '
+                             'condition such as el<20')
+        out |= rows
+    return out
 
 
 def _parts(text):
     return [part for part in map(str.strip, text.split(',')) if part]
 
 
-def _rows(run, part):
-    """As `excluded_rows`, of one part between commas."""
-    numbers, condition = _ROWS.match(part), _CONDITION.match(part)
-    if numbers:
-        first, last = (int(one) for one in (numbers[1], numbers[2] or numbers[1]))
-        rows = (run.lines >= first) & (run.lines <= last)
-        if not rows.any():
-            raise ValueError(f'--exclude {part}: no such row is in use; they go from '
-                             f'{run.lines.min()} to {run.lines.max()}')
-        return rows
-    if not condition:
-        raise ValueError(f'--exclude {part}: write a row number, a range such as 45-48, or a '
-                         'condition such as el<20')
-    return _where(run, *condition.groups())
-
-
 def without_excluded(run, texts):
     """A run without the rows that some texts of `excluded_rows` mean; the rest says which."""
-    found = {part: _rows(run, part) for text in texts for part in _parts(text)}
+    found = {part: excluded_rows(run, part) for text in texts for part in _parts(text)}
     rows = np.any([np.zeros(len(run), bool), *found.values()], axis=0)
     if rows.all():
         raise ValueError('--exclude leaves no row')

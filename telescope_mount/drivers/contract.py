@@ -221,9 +221,13 @@ def _units(out, samples, values):
     return False
 
 
+def _are_degrees(ratio):
+    return 30.0 < ratio < 110.0
+
+
 def _velocity_text(ratio):
     return (f'velocity is {ratio:.3g} times what the angle does: '
-            f'{"deg/s? " * (30.0 < ratio < 110.0)}it must be rad/s')
+            f'{"deg/s? " * _are_degrees(ratio)}it must be rad/s')
 
 
 def _motion(out, stamps, values, rates, pointed):
@@ -252,11 +256,12 @@ def _motion(out, stamps, values, rates, pointed):
         elif not 0.5 < ratio < 2.0:
             out.wrong(_velocity_text(ratio))
     elif (known & ~moving & (np.abs(rates[1:]) > 10.0 * STILL)).sum() > 5:
-        # an axis that tracks moves all the same: in all that was heard it shows
-        said, gone = (np.nansum(np.where(known, of, 0.0), axis=0) for of in (between * passed, way))
-        axis = int(np.argmax(np.abs(said)))
-        ratio = float(said[axis] / gone[axis]) if gone[axis] else np.inf
-        out.wrong(_velocity_text(ratio) if 30.0 < ratio < 110.0 else
+        # an axis that tracks moves too little from one reading to the next: over all of them
+        by_velocity, by_angle = (np.nansum(np.where(known, of, 0.0), axis=0)
+                                 for of in (between * passed, way))
+        axis = int(np.argmax(np.abs(by_velocity)))
+        ratio = float(by_velocity[axis] / by_angle[axis]) if by_angle[axis] else np.inf
+        out.wrong(_velocity_text(ratio) if _are_degrees(ratio) else
                   'velocity not zero, but the angle does not change: frozen?')
     rest = ~moving.any(axis=1)
     if pointed and not known.any() and rest.sum() > 20:

@@ -65,7 +65,7 @@ def rows_of(limits):
             **travel, **motion}
 
 
-def apart(one, other):
+def differ(one, other):
     """Whether two sites, each latitude and longitude in degrees, are not the same."""
     return max(abs(one[0] - other[0]), abs(wrap((one[1] - other[1]) * DEG)) / DEG) >= SAME_SITE
 
@@ -73,7 +73,7 @@ def apart(one, other):
 def _elsewhere(rows, site):
     ours = site.latitude / DEG, site.longitude / DEG
     theirs = tuple(float(rows.get(name, own)) for name, own in zip(PLACE, ours))
-    if not apart(ours, theirs):
+    if not differ(ours, theirs):
         return ''
     return (f'the guard takes the mount to be at {theirs[0]:.4f}, {theirs[1]:.4f} deg, not at '
             f'{ours[0]:.4f}, {ours[1]:.4f}: give both one site (under /**: in the parameter file)')

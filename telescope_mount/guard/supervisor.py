@@ -408,18 +408,18 @@ class Supervisor:
         """
         if self.state not in ('paused', 'aborted', 'parked', 'parking', 'stopped'):
             raise ValueError('nothing is paused')
-        said, goal = 'resumed', self._goal
+        text, goal = 'resumed', self._goal
         if not (goal is None or self._settings.whole) and now - goal.start > 1e9 * goal.times[-1]:
             self._goal = None
-            said = 'resumed: the track of before is over, and the next request is followed'
-        self._set_state('idle', OK, said)
+            text = 'resumed: the track of before is over, and the next request is followed'
+        self._set_state('idle', OK, text)
         try:
             if self._alive:
                 self._begin(now)
         except ValueError as err:
-            said = (f'resumed, but the track of before is refused: {err}. The next request is '
+            text = (f'resumed, but the track of before is refused: {err}. The next request is '
                     'followed, if it may')
-        return said
+        return text
 
     def park(self, now, place):
         """Go to a pair of angles, rad, and take no request until `resume`.

@@ -23,6 +23,7 @@ import numpy as np
 
 from calibration.analysis.camera_faults import SAME_FRAMES
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.sky.places import SIDEREAL
 
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
 CLOCK = 'clock of this machine'
@@ -38,8 +39,6 @@ BEYOND_FIELD = 0.1
 CLOCK_JUMP = 10**9
 #: messages without a fault after which one is over
 RECOVERED = 5
-#: by which the sky turns, arcsec/s
-SIDEREAL = 15.04
 #: an encoder that differs by more from its demand did not follow the command, rad
 OFF_TARGET = 60.0 * ARCSEC
 
@@ -170,7 +169,7 @@ class InstrumentHealth:
         self._fault(CLOCK, 'step', '' if not step else
                     f'set {"ahead" if step > 0.0 else "back"} by {abs(step):.2f} s at '
                     f'{time:%H:%M:%S} UTC: places of stars moved by up to '
-                    f'{abs(step) * SIDEREAL:.1f} arcsec')
+                    f'{abs(step) * SIDEREAL / ARCSEC:.1f} arcsec')
 
     def publishers(self, name, nodes, unnamed=False):
         """Take who publishes an instrument's messages.

@@ -22,7 +22,7 @@ WAITING = 'plan', 'waiting'
 
 
 class PlanWatchdog:
-    """Looks at instruments and plan now and then.
+    """Watches instruments and plan, names what is wrong, and gives up a plan that goes nowhere.
 
     Parameters
     ----------

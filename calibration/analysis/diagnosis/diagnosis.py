@@ -144,17 +144,21 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     folds = folds if cross_validation else 0
     parts = partitions_of(run.problem, folds, rng) if folds else ()
     choice = choose_effects(run, alpha, chance, parts, first_answer)
+
+    def search_anew():
+        """With the rows or candidates as they are now."""
+        tests = Chance(run.problem.n, flips, rng, group=run.problem.sequence.group)
+        parts = partitions_of(run.problem, folds, rng) if folds else ()
+        return tests, parts, choose_effects(run, alpha, tests, parts, first_answer)
+
     noise, noisier = noise_of_runs(run.obs, run.problem.plain.fit(
         choice.chosen, final=True).raw.reshape(2, -1))
     if noise is not None:  # by the noise of others its rows were outliers
         run.weigh_runs(noise)
-        chance = Chance(run.problem.n, flips, rng, group=run.problem.sequence.group)
-        choice = choose_effects(run, alpha, chance, parts)
+        chance, parts, choice = search_anew()
     shown, offered = ask_runs(run, choice, alpha, flips, rng)
     if offered:
-        chance = Chance(run.problem.n, flips, rng, group=run.problem.sequence.group)
-        parts = partitions_of(run.problem, folds, rng) if folds else ()
-        choice = choose_effects(run, alpha, chance, parts, first_answer)
+        chance, parts, choice = search_anew()
     problem = run.problem
     left = residual_correlation(run, choice, alpha)
     errors = cross_validated(

@@ -69,7 +69,7 @@ class Diagnosis:
     run_terms : dict
         Run -> terms that it fitted for itself, arcsec.
     columns_alike : list of str
-        Readings of the columns that fit as well, see `mistaken_columns`.
+        Readings of the columns that differ by signs, or fit better, see `mistaken_columns`.
     cautions : list of Finding or str
         Where the gain does not hold on some kind of rows left out.
     noise_memory : dict or None

@@ -93,7 +93,7 @@ class ColumnCheck:
     Attributes
     ----------
     alike : list of str
-        Readings that fit as well.
+        Readings that fit as well but for signs, or better where effects explain it too.
     findings : list of Finding
     """
 

@@ -171,6 +171,7 @@ def _size(left):
 
 def _chance_larger(size, rows):
     """One-sided, that values of some rows are larger than the others' by chance."""
+    # scipy.stats has it, and takes half a second to load
     rank = np.empty(len(size))
     rank[np.argsort(size, kind='stable')] = np.arange(1.0, len(size) + 1.0)
     m, n = int(rows.sum()), len(size)

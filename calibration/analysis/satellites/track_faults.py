@@ -22,7 +22,7 @@ something that all share: site, refraction, a clock that is said to be known. Ea
 a third of the prior. What all share is fitted where it explains the rows better. An orbit that
 takes nearly all of the chance is left out, and the others are looked at again; where several share
 it, they are named as such, and the fit is the mean over them.
-How old elements are, and what they may err by, is told too.
+The age of elements, and the error to be expected of them, is reported too.
 """
 
 from collections import Counter

@@ -98,6 +98,11 @@ def flag_scales(table):
                               f'{flipped}, of the others {usual:.4g}: a false solve')
 
 
+def may_be_hours(degrees):
+    """Whether right ascensions, shape (n,), are many, and all from 0 to 24."""
+    return len(degrees) >= _FEW and degrees.min() >= 0.0 and degrees.max() <= _HOURS
+
+
 def refuse_hours(path, ra, dec, time, site):
     """Refuse right ascensions that are hours: so they are above the horizon, as degrees not.
 
@@ -113,7 +118,7 @@ def refuse_hours(path, ra, dec, time, site):
     ValueError
     """
     degrees = np.degrees(ra)
-    if len(ra) < _FEW or degrees.min() < 0.0 or degrees.max() > _HOURS:
+    if not may_be_hours(degrees):
         return
     below = icrs_to_observed(ra, dec, time, site)[1] < 0.0
     as_hours = icrs_to_observed(15.0 * ra, dec, time, site)[1] < 0.0

@@ -170,20 +170,20 @@ def test_a_clock_that_was_set_is_named_until_the_zero_is_new():
     wall.instruments = Instruments(wall=lambda: wall.now, live=True, absolute=False,
                                    now=lambda: round((time[0] + wall.now) * 1e9))
 
-    def told():
+    def reported():
         wall.looks(5.0)
         return [text for text in wall.instruments.health.sentences.values() if 'clock' in text]
     time[0] = 1_768_482_000.0
-    assert told() == []
+    assert reported() == []
     time[0] += 0.05  # what a busy process may lose between two calls
-    assert told() == []
+    assert reported() == []
     time[0] += 0.5
-    (text,) = told()
+    (text,) = reported()
     assert text.startswith('instrument clock of this machine: set ahead by 0.50 s at 13:16:51 UTC')
     wall.instruments.health.clock()
-    assert told() == []
+    assert reported() == []
     time[0] -= 0.5
-    assert 'set back by 0.50 s' in told()[0]
+    assert 'set back by 0.50 s' in reported()[0]
 
 
 def test_of_one_pause_nobody_is_slow():

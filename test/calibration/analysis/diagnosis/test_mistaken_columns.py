@@ -172,11 +172,11 @@ def test_a_drift_is_no_doubt_of_the_columns():
     assert checked.doubts(Mount().names) == []
 
 
-@pytest.mark.parametrize('latitude, noise, told', [
+@pytest.mark.parametrize('latitude, noise, reported', [
     (-35.3, 0.0, False), (-35.3, 1.0, False), (-77.0, 0.0, False), (35.3, 0.0, False),
     (-5.0, 0.0, True), (-5.0, 1.0, True)])
 def test_declinations_with_the_other_sign_are_no_doubt_where_their_stars_are_below_the_horizon(
-        latitude, noise, told):
+        latitude, noise, reported):
     rng = np.random.default_rng(3)
     mount = Mount.equatorial(latitude * DEG)
     h, d = mount.axes_of(rng.uniform(0.0, 2.0 * np.pi, 40),
@@ -191,10 +191,10 @@ def test_declinations_with_the_other_sign_are_no_doubt_where_their_stars_are_bel
     checked = check_columns(run(columns))
     said = 'declination of catalogue and encoders with the other sign'
     # the mirror image of a mount without flexure fits as well near the equator: no doubt of a run
-    assert (said in checked.alike) == told
+    assert (said in checked.alike) == reported
     assert not any('declination' in wording(found) for found in checked.doubts(mount.names))
-    assert any(said in text for text in signs_sentences(checked.alike, mount.names)) == told
-    if noise and not told:
+    assert any(said in text for text in signs_sentences(checked.alike, mount.names)) == reported
+    if noise and not reported:
         with pytest.raises(MistakenColumns, match='with the other sign'):
             check_columns(run((h, -d, columns[2], -columns[3])))
 
@@ -230,7 +230,7 @@ def held(columns, work=lambda x, y, c: (x, y)):
                        {'raw_reading': False})
 
 
-def test_offsets_that_are_not_what_they_are_named_are_told():
+def test_offsets_that_are_not_what_they_are_named_are_refused_or_noted():
     columns = TELESCOPES['squared']()
     assert check_columns(held(columns)).findings == []
     for said, work in {

@@ -154,7 +154,7 @@ def _told(runs, **options):
                     if getattr(note, 'kind', '') == 'term of each session']
 
 
-def test_a_term_that_moves_is_told_with_its_values_and_what_it_goes_with():
+def test_a_term_that_moves_is_reported_with_its_values_and_what_it_follows():
     kelvin = [12.0, 2.0, 8.0, -3.0, 5.0]
     runs = nights(4, counts=(30,) * 5, TF=[3.0 * one for one in kelvin])
     for run, temperature in zip(runs, kelvin):
