@@ -103,10 +103,10 @@ def test_a_column_that_is_left_out_whole_is_a_caution(tmp_path, capsys):
         f'{row},{288.0 + 0.01 * k:.2f}' for k, row in enumerate(rows))]))
     for command in 'diagnose', 'fit':
         assert main([command, str(run)]) == 0
-        printed = ' '.join(capsys.readouterr().out.split())
-        assert 'caution: temperature_c is outside -100 to 100 degrees Celsius in all rows' in printed
-        assert 'looks like kelvin (subtract 273.15): the whole column is taken as' in printed
-        assert 'it is empty' not in printed
+        text = ' '.join(capsys.readouterr().out.split())
+        assert 'caution: temperature_c is outside -100 to 100 degrees Celsius in all rows' in text
+        assert 'looks like kelvin (subtract 273.15): the whole column is taken as' in text
+        assert 'it is empty' not in text
 
 
 def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):

@@ -188,16 +188,16 @@ def test_a_limit_that_stands_in_the_sky_needs_no_site(graph, monkeypatch):
     graph.add(MountGuard, renew_s=0.1)
 
 
-@pytest.mark.parametrize('mount, site, published', [
+@pytest.mark.parametrize('mount, site, shown', [
     ('altaz', {}, []), ('altaz', PLACE, ['latitude_deg', 'longitude_deg']),
     # where the horizon is hangs on it
     ('german', {}, ['latitude_deg', 'longitude_deg', 'height_m'])])
-def test_a_site_that_nobody_gave_is_published_where_limits_hang_on_it(graph, mount, site, published):
+def test_a_site_that_nobody_gave_is_published_where_limits_hang_on_it(graph, mount, site, shown):
     graph.add(MountGuard, **site, mount=mount, sun_distance_deg=0.0)
     status = graph.listen(topics.GUARD_STATUS)
     graph.wait_for(lambda: status, 'a status')
     assert [row.key for row in status[-1].values
-            if row.key in ('latitude_deg', 'longitude_deg', 'height_m')] == published
+            if row.key in ('latitude_deg', 'longitude_deg', 'height_m')] == shown
 
 
 def test_the_site_of_a_guard_stays(graph):
