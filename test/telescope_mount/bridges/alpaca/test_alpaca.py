@@ -128,8 +128,9 @@ def test_it_is_unparked_tells_its_position_is_pointed_and_stopped():
         assert len(server.orders('slewtocoordinatesasync')) == 1
         assert float(told['Declination']) == pytest.approx(20.0)
         assert server.state['Tracking'] is True
-        assert float(told['RightAscension']) * 15.0 == pytest.approx(
-            (sidereal_time(time.time(), DEFAULT_SITE) / DEG - 30.0) % 360.0, abs=0.1)
+        hour_angle = (sidereal_time(time.time(), DEFAULT_SITE)
+                      - float(told['RightAscension']) * 15.0 * DEG)
+        assert wrap(hour_angle) / DEG == pytest.approx(30.0, abs=0.1)
         bench.driver.command(time.time_ns(), np.array([0.0, 0.1]), np.zeros((2, 2)),
                              np.zeros((2, 2)))
         bench.until(lambda: server.orders('abortslew') and server.state['Tracking'] is False)
