@@ -20,7 +20,9 @@ own.
 
 import contextlib
 import json
+import math
 import os
+import random
 import select
 import signal
 import subprocess
@@ -143,12 +145,19 @@ def test_who_reads_no_further_is_no_error(folder):
 
 def test_progress_is_on_a_terminal_only(folder, tmp_path):
     import pty
+    # effects enough that no machine is done before the time left is told
+    rng, rows = random.Random(5), ['az_deg,el_deg,az_enc_deg,el_enc_deg']
+    for _ in range(200):
+        az, el = rng.uniform(0.0, 360.0), rng.uniform(15.0, 80.0)
+        x, y, z = (2e-3 * math.sin(math.radians(k * az)) for k in (2.0, 3.0, 7.3))
+        rows.append(f'{az},{el},{az + rng.gauss(x, 3e-4)},'
+                    f'{el + rng.gauss(y + z + 1e-5 * (el - 50.0)**2, 3e-4)}')
+    (tmp_path / 'run.csv').write_text('\n'.join(rows))
     master, slave = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, '-m', 'telescope_mount', 'diagnose',
-         ROOT / 'calibration/data/mmt_2021-08-21.csv'], cwd=tmp_path, stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE, stderr=slave, env={**os.environ, 'PYTHONPATH': str(ROOT),
-                                                   'TERM': 'xterm', 'COLUMNS': '80'},
+        [sys.executable, '-m', 'telescope_mount', 'diagnose', 'run.csv'], cwd=tmp_path,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=slave,
+        env={**os.environ, 'PYTHONPATH': str(ROOT), 'TERM': 'xterm', 'COLUMNS': '80'},
         # a suite in the background of a script ignores Ctrl-C, and its children would too
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
     os.close(slave)
