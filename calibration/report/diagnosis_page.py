@@ -18,7 +18,7 @@ from pointing_model.mount_kinds import kind_of
 
 from . import diagnosis_sections as tables
 from . import page_parts as page
-from .driver_figures import drivers_section, effects_section
+from .driver_figures import drivers_section, effects_section, largest_effect
 from .error_ranking import errors_section
 from .observation_section import next_observations
 from .page_html import whole
@@ -52,7 +52,7 @@ def render(view, files=None):
         page.VerdictSection(summary.headline, [
             page.Cards(summary.numbers),
             page.Paragraph(summary.numbers and f'RMS on the sky, {summary.validation}.', 'note'),
-            sky_maps(data)], view.badge[1], view.badge[0]),
+            sky_maps(data, largest_effect(view))], view.badge[1], view.badge[0]),
         errors_section(summary.effects, page.SentenceList([*summary.cautions, summary.todo]),
                        'Largest errors' if summary.effects else 'Cautions'),
         page.Section('Outliers', tables.outliers(document)),

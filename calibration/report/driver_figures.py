@@ -37,6 +37,12 @@ def effects_section(view):
                               ' '.join(filter(None, [view.axes_note, more])))
 
 
+def largest_effect(view):
+    """Figure of the first effect, if it has one and this is of one axis."""
+    figure = effect_figure(view, view.effects[0]) if view.effects else None
+    return None if figure is None or isinstance(figure.drawing, page.FigurePair) else figure
+
+
 def _effect(view, effect):
     figure = effect_figure(view, effect)
     kind = 'effect one' if figure and not isinstance(figure.drawing, page.FigurePair) else 'effect'

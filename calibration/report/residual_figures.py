@@ -58,8 +58,11 @@ def _groups(data):
 
 # ---------------------------------------------------------------------------------------- figures
 
-def sky_maps(data):
-    """Residual vectors before and after on one scale; after once more, larger, if it is small."""
+def sky_maps(data, beside=None):
+    """Residual vectors before and after on one scale; after once more, larger, if it is small.
+
+    `beside` is a figure that stands next to two maps.
+    """
     used = data.used
     if not used.any():
         return None
@@ -104,6 +107,8 @@ def sky_maps(data):
                 margins),
             (what, page.Size(rms_of, when), f' RMS{more}.{longer}'), when))
     some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
+    if beside is not None and len(out) < 3:
+        out.append(beside)
     return [page.FigurePair(out), page.Paragraph(
         f'Encoder − model; zenith at the centre, rim at {lowest:g}°.{some}', 'note')]
 
