@@ -16,49 +16,73 @@
 
 import re
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from msg_tools.units import ARCSEC
 
 #: stars of a block of a night, and exposures for a zero, where nothing else is asked for
 BLOCK_STARS, ZERO_EXPOSURES = 30, 16
-#: verb -> what its number counts, '' for a verb without one; `power_cycle` names what it switches
-VERBS = {
-    'home': '',
-    'power_cycle': 'encoders',
-    'stars': 'exposures',
-    'polaris': 'exposures',
-    'zero_on_stars': 'exposures',
-    'zero': 'exposures',
-    'satellite': 'exposures',
-    'pass': '',
-    'check': 'exposures',
-    'clocks': 'images',
-    'track': 'minutes',
-    'tell_apart': 'exposures',
-    'wait': 'hours',
-    'calibrate_zero': '',
-    'fit': '',
-    'diagnose': '',
-    'judge': '',
-}
 _UNIT = 'arcsec'
 #: what `power_cycle` switches off and on -> services that are called for it
 POWER_CYCLES = {'incremental': ('power_cycle',), 'absolute': ('absolute/power_cycle',),
                 'both': ('power_cycle', 'absolute/power_cycle')}
-#: verb -> the form of what follows it, and how to write that
-_FORMS = {
-    'power_cycle': (f'(?P<what>{"|".join(POWER_CYCLES)})?',
-                    f', alone or with one of {", ".join(POWER_CYCLES)}'),
-    'track': (rf'(?P<what>(\d+\.?\d*|\.\d+){_UNIT})( (?P<count>\d+)(min)?)?',
-              ', the error to hold and the minutes, such as track 1.5arcsec 90'),
-    'pass': (r'(?P<what>\S+ \S+)', ', a satellite and a file of its orbit, such as pass L52 '
-             'lageos2.sp3'),
-    'tell_apart': (r'(?P<count>\d+)( (?P<what>\d+(\.\d*)?h))?',
-                   ' and a count of 1 to 100000, and what may be waited, such as 2h'),
+
+
+@dataclass(frozen=True)
+class Verb:
+    """What a step of one kind says.
+
+    Attributes
+    ----------
+    counts : str
+        What its number counts, '' without one; `power_cycle` names what it switches.
+    form, how : str
+        What follows the verb, a regular expression, and how to write that.
+    takes : tuple of str
+        Fields of a typed step (PlanStep.msg) that it takes.
+    pair : str
+        Its argument as text, where it is typed as two numbers.
+    patient : bool
+        It waits for no instrument: how long it takes nobody can say.
+    """
+
+    counts: str = ''
+    form: str = r'(?P<count>\d+)'
+    how: str = ' and a count of 1 to 100000'
+    takes: tuple = ('count',)
+    pair: str = ''
+    patient: bool = False
+
+
+_ALONE, _EXPOSURES = Verb(form='', how='', takes=()), Verb('exposures')
+_PATIENT = replace(_ALONE, patient=True)
+#: all steps that a plan may have
+VERBS = {
+    'home': _ALONE,
+    'power_cycle': Verb('encoders', f'(?P<what>{"|".join(POWER_CYCLES)})?',
+                        f', alone or with one of {", ".join(POWER_CYCLES)}', ('names',)),
+    'stars': _EXPOSURES,
+    'polaris': _EXPOSURES,
+    'zero_on_stars': _EXPOSURES,
+    'zero': _EXPOSURES,
+    'satellite': _EXPOSURES,
+    'pass': Verb('', r'(?P<what>\S+ \S+)',
+                 ', a satellite and a file of its orbit, such as pass L52 lageos2.sp3',
+                 ('names',)),
+    'check': _EXPOSURES,
+    'clocks': Verb('images'),
+    'track': Verb('minutes', rf'(?P<what>(\d+\.?\d*|\.\d+){_UNIT})( (?P<count>\d+)(min)?)?',
+                  ', the error to hold and the minutes, such as track 1.5arcsec 90',
+                  ('error', 'duration'), f'{{0:g}}{_UNIT} {{1:g}}'),
+    'tell_apart': Verb('exposures', r'(?P<count>\d+)( (?P<what>\d+(\.\d*)?h))?',
+                       ' and a count of 1 to 100000, and what may be waited, such as 2h',
+                       ('count', 'duration'), '{0:g} {1:g}h'),
+    'wait': Verb('hours', takes=('duration',), patient=True),
+    'calibrate_zero': _PATIENT,
+    'fit': _PATIENT,
+    'diagnose': _PATIENT,
+    'judge': _PATIENT,
 }
-#: of all others that have a number
-_COUNTED = r'(?P<count>\d+)', ' and a count of 1 to 100000'
 #: of `track` without
 _MINUTES = 60
 
@@ -89,7 +113,7 @@ class PlanStep:
     @property
     def exposures(self):
         """How many observations it makes."""
-        return self.count if VERBS[self.verb] == 'exposures' else 0
+        return self.count if VERBS[self.verb].counts == 'exposures' else 0
 
     def __str__(self):
         words = [self.what, str(self.count or '')]
@@ -141,16 +165,16 @@ def check_verb(verb):
 def _step(text):
     verb, _, rest = text.partition(' ')
     check_verb(verb)
-    form, how = _FORMS.get(verb, _COUNTED if VERBS[verb] else ('', ''))
-    found = re.fullmatch(form, ' '.join(rest.split()))
-    if not (found or VERBS[verb] or verb in _FORMS):
+    of = VERBS[verb]
+    found = re.fullmatch(of.form, ' '.join(rest.split()))
+    if not (found or of.form):
         raise ValueError(f'plan step {verb} takes no count')
     given = found.groupdict() if found else {}
     count = int(given.get('count') or _MINUTES * (verb == 'track'))
     step = PlanStep(verb, count, (given.get('what') or '').replace('incremental', ''))
     if not found or ('count' in given and not 1 <= count <= 100000) or (
             verb == 'track' and not 0.0 < step.goal <= 3600.0):
-        raise ValueError(f'plan step {text!r}: write {verb}{how}')
+        raise ValueError(f'plan step {text!r}: write {verb}{of.how}')
     return step
 
 

@@ -24,7 +24,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 
 from msg_tools import convert, topics
 
-from .plan import goal_uuid, parse_plan
+from .plan import VERBS, goal_uuid, parse_plan
 
 #: state of a plan -> that of an action's goal
 STATES = {'waiting': GoalStatus.STATUS_ACCEPTED, 'observing': GoalStatus.STATUS_EXECUTING,
@@ -40,8 +40,6 @@ _ARGUMENT = {
     ParameterType.PARAMETER_STRING: lambda value: value.string_value,
     ParameterType.PARAMETER_STRING_ARRAY: lambda value: ' '.join(value.string_array_value),
 }
-#: of verbs with two numbers: an array of them
-_PAIRS = {'track': '{0:g}arcsec {1:g}', 'tell_apart': '{0:g} {1:g}h'}
 
 
 def plan_of(steps):
@@ -66,11 +64,12 @@ def plan_of(steps):
     words = []
     for step in steps:
         value, verb = step.value, step.name
-        if value.type == ParameterType.PARAMETER_DOUBLE_ARRAY and verb in _PAIRS:
+        form = VERBS[verb].pair if verb in VERBS else ''
+        if value.type == ParameterType.PARAMETER_DOUBLE_ARRAY and form:
             pair = value.double_array_value
             if len(pair) != 2:
                 raise ValueError(f'plan step {verb}: give two numbers, not {len(pair)}')
-            argument = _PAIRS[verb].format(*pair)
+            argument = form.format(*pair)
         elif value.type in _ARGUMENT:
             argument = _ARGUMENT[value.type](value)
         else:

@@ -14,10 +14,10 @@
 
 """What is wrong while a plan is under way: named, logged once a change, and when to give up."""
 
+from .plan import VERBS
+
 #: a wait of so long is reported, wall s: at the third look, half a second apart
 REPORTED_AFTER = 0.9
-#: steps that wait for no instrument: how long they take nobody can say
-PATIENT = ('wait', 'calibrate_zero', 'fit', 'diagnose', 'judge')
 WAITING = 'plan', 'waiting'
 
 
@@ -104,7 +104,7 @@ class PlanWatchdog:
     def _too_long(self, now, begun, verb, rows):
         """Why to give up: nothing has gone on for long while something was wrong."""
         if (self._well is None or not self.faults or not begun or rows != self._rows
-                or verb in PATIENT):
+                or verb in VERBS and VERBS[verb].patient):
             self._well, self._rows = now, rows
             return ''
         limit = self._out.value('give_up_s')

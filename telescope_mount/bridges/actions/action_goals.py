@@ -24,9 +24,6 @@ from msg_tools.units import ARCSEC
 
 from ...observing.plan import VERBS, PlanStep, check_verb, goal_uuid
 
-#: verb -> fields of a typed step that it takes; all others with an argument take a count
-_TAKES = {'power_cycle': ('names',), 'pass': ('names',), 'track': ('error', 'duration'),
-          'tell_apart': ('count', 'duration'), 'wait': ('duration',)}
 _MINUTE, _HOUR = 60.0, 3600.0
 #: numbers of a state from which on a goal is over, and of one that was cancelled
 _SUCCEEDED, _CANCELLED, _FAILED = 4, 5, 6
@@ -53,9 +50,8 @@ def plan_step(step):
     """
     verb = step.verb
     check_verb(verb)
-    takes = _TAKES.get(verb, ('count',) if VERBS[verb] else ())
     for name in ('count', 'error', 'duration', 'names'):
-        if name not in takes and getattr(step, name):
+        if name not in VERBS[verb].takes and getattr(step, name):
             raise ValueError(f'plan step {verb}: it takes no {name}')
     if verb == 'track':
         return PlanStep(verb, _whole(step, _MINUTE), f'{step.error / ARCSEC:g}arcsec')

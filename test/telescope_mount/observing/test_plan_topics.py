@@ -45,7 +45,7 @@ def test_typed_steps_are_the_plan():
         'pass L52 lageos2.sp3, fit')
     for verb in VERBS:  # each step has a way to be typed
         one = {'track': [2.0, 30.0], 'tell_apart': 4, 'pass': ['a', 'b']}.get(
-            verb, 3 if VERBS[verb] and verb != 'power_cycle' else None)
+            verb, 3 if 'count' in VERBS[verb].takes or verb == 'wait' else None)
         assert [step.verb for step in parse_plan(plan_of(steps((verb, one))))] == [verb]
 
 

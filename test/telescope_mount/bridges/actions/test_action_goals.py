@@ -49,8 +49,8 @@ def test_a_typed_step_is_one_of_a_plan(given, text):
 def test_each_verb_can_be_typed():
     arguments = {'track': {'error': 1e-5}, 'wait': {'duration': 3600.0},
                  'pass': {'names': ['a', 'b']}, 'power_cycle': {}}
-    for verb, counts in VERBS.items():
-        given = arguments.get(verb, {'count': 3} if counts else {})
+    for verb, of in VERBS.items():
+        given = arguments.get(verb, {'count': 3} if 'count' in of.takes else {})
         assert parse_plan(str(plan_step(step(verb, **given))))[0].verb == verb
 
 
