@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation
 from calibration.analysis.term_fit import fit_terms
 from encoder_sim.mount_geometry import MountErrors, MountGeometry
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.alignment import polar_axis
+from pointing_model.bolts_and_feet import polar_axis
 from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun
 

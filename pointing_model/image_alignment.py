@@ -28,7 +28,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, unit_vector
 
-from .alignment import axis_at
+from .bolts_and_feet import axis_at
 
 #: two images of an arc are this far apart in hour angle
 LEAST_TURN = 5.0 * DEG

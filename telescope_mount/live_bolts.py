@@ -22,7 +22,7 @@ import numpy as np
 
 from calibration.report.bolt_wording import axis_document, watch_lines
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.alignment import polar_axis
+from pointing_model.bolts_and_feet import polar_axis
 from pointing_model.image_alignment import LEAST_TURN, Image
 from pointing_model.mounts import through_pole, unit_vector
 from pointing_model.runs.formats.images import common_site, one_image

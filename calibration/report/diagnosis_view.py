@@ -31,10 +31,10 @@ from .cause_wording import open_causes, plain_name, short_cause, still_open
 from .diagnosis_summary import DiagnosisSummary, summary_of
 from .diagnosis_wording import limit_rows
 from .documents import diagnosis_document
+from .driver_labels import Driver, driver_of
 from .effect_wording import effect_summary, effect_title
 from .number_wording import value_and_error
 from .provenance import about, axes_note
-from .residual_axes import Driver, driver_of
 from .residuals import Residuals, turned
 from .sky_map import grid_of
 from .verdict_wording import (

@@ -26,8 +26,8 @@ from pointing_model.mount_kinds import USUAL
 
 from . import cause_wording
 from .cause_wording import plain_name, short_cause, still_open
+from .driver_labels import driver_of, utc_text
 from .period_wording import period_sentences
-from .residual_axes import driver_of, utc_text
 from .verdict_wording import Statement
 
 #: degrees over which a lowest or a highest is no place but a stretch

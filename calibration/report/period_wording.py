@@ -16,7 +16,7 @@
 
 from calibration.analysis.diagnosis.period_scans import FEWEST, MOST
 from pointing_model.effects.base import arcsec
-from pointing_model.effects.gears import strain_wave
+from pointing_model.effects.gears_and_worms import strain_wave
 
 _MOST_ALIASES, _MOST_TEETH = 4, 6  # that are named
 #: how long a model with it is good

@@ -181,7 +181,7 @@ TABLES = {
         'tutorial_german.md', 'telescope-mount diagnose examples/tutorial/german_solved.csv',
         TUTORIAL),
     'bolts': Table('bolts.md', 'benchmarks/bolts.py --mounts 20',
-                   ('pointing_model/alignment.py', 'pointing_model/image_alignment.py',
+                   ('pointing_model/bolts_and_feet.py', 'pointing_model/image_alignment.py',
                     'pointing_model/geometry.py', 'calibration/analysis/term_fit.py',
                     'calibration/estimation/gauss_newton.py', 'benchmarks/bolts.py'),
                    keep='latitude|^ +(-33|48|70)', cut=r'beyond.*| +\d+ of \d+'),

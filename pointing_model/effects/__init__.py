@@ -29,7 +29,7 @@ from pkgutil import iter_modules
 from .base import Amount, Effect, effect, effect_from_document, for_mount, to_document
 from .curves import smooths
 from .drifts import steps
-from .gears import declared_worms
+from .gears_and_worms import declared_worms
 from .graduation import PERIODS, declared_graduation, period_of
 from .modulation import changes
 from .pier import by_side, direct

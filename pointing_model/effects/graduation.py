@@ -24,7 +24,7 @@ from .base import AXES, Effect, Offer, effect, form, on_axis
 _TURN = 2.0 * np.pi
 #: lines or bars in a turn of the encoders of both papers (000: lines; 001: bars)
 _LINES = {'grating': 47200, 'bars': 1080}
-#: what may be declared: a tape goes round a drum, and its lines are searched (`gears`)
+#: what may be declared: a tape goes round a drum, and its lines are searched (`gears_and_worms`)
 _KINDS = (*_LINES, 'tape')
 #: their periods, radians
 PERIODS = {name: _TURN / lines for name, lines in _LINES.items()}
@@ -187,7 +187,7 @@ def propose(context, lacking, own):
         declared = context.graduation.get(axis) or dict.fromkeys(PERIODS)
         for graduation, lines in declared.items():
             if graduation not in PERIODS or is_gear(graduation, lines):
-                continue  # see `gears`: of a tape how many there are is searched
+                continue  # see `gears_and_worms`: of a tape how many there are is searched
             against = _not_spread(word, graduation, place, values, period_of(graduation, lines))
             yield Offer('subdivision', [] if against else [
                 effect('subdivision', axis=axis, graduation=graduation, order=order, lines=lines)

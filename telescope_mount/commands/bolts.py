@@ -155,7 +155,7 @@ def alignment_of(model, args, equinox=None):
         feet_lines,
         shim_line,
     )
-    from pointing_model.alignment import cone_shim, foot_lifts
+    from pointing_model.bolts_and_feet import cone_shim, foot_lifts
     document, lines = {}, []
     if model.mount.celestial:
         found = alignment_document(model, refraction_of(args, model.mount.latitude),

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msg_tools.params import Param
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import harmonics
 from pointing_model.mounts import ALTAZ, through_pole
@@ -30,6 +31,17 @@ from .star_order import observing_order
 
 NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
 NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb
+#: parameters of the observer: which stars it takes
+CHOICE_PARAMS = (
+    Param('star_seed', 1, 'seed of the choice of stars', 0, 2**31 - 1),
+    Param('magnitude_limit', 6.0, 'faintest star, Hipparcos magnitude', -2.0, 15.0),
+    Param('min_elevation_deg', 20.0, 'lowest star [deg]', 0.0, 89.0),
+    Param('max_elevation_deg', 85.0, 'highest star [deg]', 1.0, 90.0),
+    Param('meridian_limit_deg', 5.0, 'how far past the meridian a German mount turns before it '
+          'takes the other side [deg]', 0.0, 90.0),
+    Param('hour_angle_limit_deg', 165.0, 'largest hour angle of a star for a mount that does not '
+          'go through the pole [deg]', 1.0, 180.0),
+)
 
 
 class AxisLimits(NamedTuple):

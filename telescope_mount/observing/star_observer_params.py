@@ -21,6 +21,7 @@ from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 from pointing_model.sky.star_catalogue import satellite_target
 
 from .plan import night_plan, parse_plan
+from .star_choice import CHOICE_PARAMS
 
 PARAMS = SKY_PARAMS + (
     KIND_OF_MOUNT,
@@ -28,14 +29,7 @@ PARAMS = SKY_PARAMS + (
     Param('autostart', True, 'start the plan as soon as the graph is connected', fixed=True),
     Param('wait_for_nodes', [''], 'full names of nodes that must be connected before the plan '
           'starts', fixed=True),
-    Param('star_seed', 1, 'seed of the choice of stars', 0, 2**31 - 1),
-    Param('magnitude_limit', 6.0, 'faintest star, Hipparcos magnitude', -2.0, 15.0),
-    Param('min_elevation_deg', 20.0, 'lowest star [deg]', 0.0, 89.0),
-    Param('max_elevation_deg', 85.0, 'highest star [deg]', 1.0, 90.0),
-    Param('meridian_limit_deg', 5.0, 'how far past the meridian a German mount turns before it '
-          'takes the other side [deg]', 0.0, 90.0),
-    Param('hour_angle_limit_deg', 165.0, 'largest hour angle of a star for a mount that does not '
-          'go through the pole [deg]', 1.0, 180.0),
+    *CHOICE_PARAMS,
     Param('recentre_arcsec', 60.0, 'a star farther from the boresight is centred and measured '
           'again [arcsec]', 0.1, 36000.0),
     Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '

@@ -22,7 +22,7 @@ import pytest
 from bolts import UP, Bolted
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.alignment import polar_axis
+from pointing_model.bolts_and_feet import polar_axis
 from pointing_model.image_alignment import Image, axis_of_arc
 from pointing_model.model import PointingModel
 from pointing_model.mounts import Mount

@@ -21,7 +21,7 @@ from calibration.estimation.periodogram import SHAPES, PeriodBank, WaveScan, rat
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.effects.base import AXES, for_mount, on_axis
-from pointing_model.effects.gears import (
+from pointing_model.effects.gears_and_worms import (
     TAPE_MARGIN,
     driver_angle,
     peak_to_peak,

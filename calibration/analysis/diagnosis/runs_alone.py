@@ -22,7 +22,7 @@ from calibration.estimation.chance import Chance
 from calibration.estimation.folds import FOLDS, partitions_of
 from pointing_model.effects.base import for_mount
 from pointing_model.effects.drifts import several_runs
-from pointing_model.effects.gears import worm_waves
+from pointing_model.effects.gears_and_worms import worm_waves
 
 from .effect_choice import choose_effects
 from .run_problem import RunProblem, effect_bank

@@ -19,8 +19,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.report.driver_labels import driver_of
 from calibration.report.provenance import about, axes_note
-from calibration.report.residual_axes import driver_of
 from msg_tools.units import DEG, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import parse_mount

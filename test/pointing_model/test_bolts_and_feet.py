@@ -29,7 +29,7 @@ from calibration.report.bolt_wording import (
 )
 from encoder_sim.mount_geometry import MountErrors, MountGeometry
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.alignment import cone_shim, foot_lifts, polar_axis
+from pointing_model.bolts_and_feet import cone_shim, foot_lifts, polar_axis
 from pointing_model.model import PointingModel
 from pointing_model.mounts import Mount
 

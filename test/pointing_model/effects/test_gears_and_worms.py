@@ -23,7 +23,7 @@ from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import Amount, declared_graduation, declared_worms, dictionary, effect
-from pointing_model.effects.gears import peak_to_peak, strain_wave
+from pointing_model.effects.gears_and_worms import peak_to_peak, strain_wave
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.mounts import Mount
