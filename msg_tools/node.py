@@ -34,7 +34,7 @@ from std_srvs.srv import Trigger
 from . import NAMESPACE
 from .executor import AFTER, ANSWERS, published
 from .gaps import SequenceGaps
-from .parameter_events import ParameterNode
+from .parameter_events import USE_SIM_TIME, ParameterNode
 from .params import BadInput, Param
 from .readiness import LAST, PUBLISHED, PUBLISHES, RESTS, SUBSCRIBES, GraphReports, is_count
 from .service_retry import Answers
@@ -328,6 +328,8 @@ class MountNode(ParameterNode):
         required = self.required()
         out = [f'a subscriber of {name}' for name, (pub, _) in self._publishers_of.items()
                if name in required and pub.get_subscription_count() == 0]
+        if self.value(USE_SIM_TIME.name) and not self.publisher_count(CLOCK):
+            out.append(f'a publisher of {CLOCK.name} (use_sim_time is true)')
         return out + [f'a publisher of {name}' for name, subs in self._subscriptions_of.items()
                       if name in required and subs[0][0].get_publisher_count() == 0]
 

@@ -25,7 +25,7 @@ from .params import SITE_PARAMETERS, BadInput
 
 #: rclpy declares it for every node, and does not say what it is
 USE_SIM_TIME = ParameterDescriptor(
-    name='use_sim_time', type=ParameterType.PARAMETER_BOOL,
+    name='use_sim_time', type=ParameterType.PARAMETER_BOOL, read_only=True,
     description='time is that of /clock (a simulated or replayed night), not of this machine; the '
     'same for all nodes of a graph')
 

@@ -25,6 +25,8 @@ import zstandard
 COMPRESSORS = {'zstd': zstandard.ZstdCompressor(level=1).compress, 'lz4': lz4.frame.compress,
                'none': bytes}
 DEFAULT_COMPRESSION = 'zstd'
+#: what zstd begins with, and no message of ROS; and names of files end with: rosbag2 may record so
+PACKED, PACKED_FILE = b'\x28\xb5\x2f\xfd', '.zstd'
 #: a chunk that claims more than this is not believed (the usual size is 1 MiB)
 MAX_CHUNK = 128 * 2**20
 #: a chunk record whose compression is named, or whose two sizes agree; the length is below 2**40

@@ -21,6 +21,9 @@ from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
+import zstandard
+
+from .compression import PACKED, PACKED_FILE, decompress
 from .losses import counted, implausible, span
 from .mcap_records import short
 from .metadata import NOTHING, is_truth, listed_files
@@ -111,6 +114,44 @@ class Reader:
         schema, encoding = self.schema_of(message.topic, message.type)
         return self._decoders.decode(message.topic, schema, encoding, message.data)
 
+    def messages(self, topics=None, start=None, end=None, decode=False):
+        """Messages in the order of their log time (equal times: in the order of the file).
+
+        Parameters
+        ----------
+        topics : str or list of str, optional
+            Only these.
+        start, end : int, optional
+            Only log times in [start, end), ns since 1970.
+        decode : bool
+            Give Python objects (by ``mcap_ros2``) in place of bytes. A message that does not
+            fit its schema is left out and counted in `problems`.
+
+        Yields
+        ------
+        BagMessage
+            topic, type, data, log_time, publish_time, sequence. SQLite files of rosbag2 hold one
+            time only: ``publish_time`` is ``log_time``.
+        """
+        wanted = {topics} if isinstance(topics, str) else topics if topics is None \
+            else set(topics)
+        for message, schema in self._stored(wanted, start or 0, 2**64 if end is None else end):
+            if message.data[:4] == PACKED:
+                message = message._replace(data=self._unpacked(message))
+            if decode and message.data is not None:
+                message = message._replace(data=self._decoders.decode(message.topic, *(
+                    schema or self.schema_of(message.topic, message.type)), message.data))
+            if message.data is not None:
+                yield message
+
+    def _unpacked(self, message):
+        try:
+            size = zstandard.frame_content_size(message.data)
+            return decompress(message.data, 'zstd', max(size, 0))
+        except (ValueError, zstandard.ZstdError):
+            self._skipped[f'{message.topic}: a message that cannot be unpacked left out'] += 1
+            return None
+
     def _check_times(self):
         wrong = implausible(self.start_time, self.end_time)
         if wrong:
@@ -119,6 +160,8 @@ class Reader:
     def _find(self):
         """The files: as metadata.yaml lists them, then those that it does not know."""
         if not self.path.is_dir():
+            if self.path.suffix == PACKED_FILE:
+                raise ValueError(f'{self.path} is packed; unpack it first: zstd -d {self.path}')
             return [self.path]
         self._listed, problem = listed_files(self.path)
         if problem:
@@ -136,6 +179,9 @@ class Reader:
         files += [file for file in found if file not in files and file.is_file()]
         if not files:
             names = sorted(one.name for one in self.path.iterdir() if one.is_file())[:3]
+            if any(name.endswith(PACKED_FILE) for name in names):
+                raise ValueError(f'{self.path} holds packed files; unpack them first: '
+                                 f'zstd -d {self.path}/*{PACKED_FILE}')
             raise ValueError(f'{self.path} holds no {self.SUFFIX} file'
                              + (f'; to read another, name it: {", ".join(names)}' if names else ''))
         return files

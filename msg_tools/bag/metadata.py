@@ -22,6 +22,7 @@ import yaml
 
 from ..whole_files import write_text
 from .chunks import NEVER
+from .compression import PACKED_FILE
 from .ros_schema import MAX_NESTING, Loader, dump_yaml
 
 METADATA_VERSION = 9
@@ -135,10 +136,10 @@ def listed_files(folder):
         return {}, f'{METADATA_FILE} is damaged ({" ".join(str(error).split())[:120]})'
     info = _entry(root, 'rosbag2_bagfile_information')
     # before version 4 the paths had the folder in front
-    files = {PurePath(name).name: Listed() for name in _entry(info, 'relative_file_paths', list)
-             if isinstance(name, str)}
+    files = {PurePath(name).name.removesuffix(PACKED_FILE): Listed()
+             for name in _entry(info, 'relative_file_paths', list) if isinstance(name, str)}
     for row in _entry(info, 'files', list):
-        name, entry = _entry(row, 'path', str), _listed(row)
+        name, entry = _entry(row, 'path', str).removesuffix(PACKED_FILE), _listed(row)
         if name in files and entry is not None:
             files[name] = entry
     if len(files) == 1 and NOTHING in files.values():  # before version 5 the bag alone has numbers

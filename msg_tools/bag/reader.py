@@ -190,31 +190,12 @@ class BagReader(Reader):
                     f'{file.path.name}: {unknown} messages of channels that are not described')
         return list(merged.values())
 
-    def messages(self, topics=None, start=None, end=None, decode=False):
-        """Messages in the order of their log time (equal times: in the order of the file).
-
-        Parameters
-        ----------
-        topics : str or list of str, optional
-            Only these.
-        start, end : int, optional
-            Only log times in [start, end), ns since 1970.
-        decode : bool
-            Give Python objects (by ``mcap_ros2``) in place of bytes. A message that does not
-            fit its schema is left out and counted in `problems`.
-
-        Yields
-        ------
-        BagMessage
-            topic, type, data, log_time, publish_time, sequence.
-        """
-        wanted = {topics} if isinstance(topics, str) else topics if topics is None \
-            else set(topics)
-        low = 0 if start is None else start
-        high = 2**64 if end is None else end
+    def _stored(self, wanted, low, high):
+        """(BagMessage, schema and encoding) of these, as they are."""
         chosen = {
             id(file): {
-                number: (channel.topic, file.schemas.get(channel.schema_id), channel)
+                number: (channel.topic, file.schemas.get(channel.schema_id),
+                         channel.message_encoding)
                 for number, channel in file.channels.items()
                 if wanted is None or channel.topic in wanted}
             for file in self._files}
@@ -223,14 +204,9 @@ class BagReader(Reader):
             if s.end >= low and s.start < high
             and (not s.channels or not s.channels.isdisjoint(chosen[id(file)])))
         for target, row in self._ordered(segments, chosen, low, high):
-            topic, schema, channel = target
-            log_time, publish_time, data, sequence = row
-            if decode:
-                data = self._decoders.decode(topic, schema, channel.message_encoding, data)
-                if data is None:
-                    continue
-            yield BagMessage(
-                topic, schema.name if schema else '', data, log_time, publish_time, sequence)
+            (topic, *schema), (log_time, publish_time, data, sequence) = target, row
+            yield BagMessage(topic, schema[0].name if schema[0] else '', data, log_time,
+                             publish_time, sequence), schema
 
     def last_before(self, topics, end):
         """The newest message of each of `topics` with a log time before `end`, in order.

@@ -16,7 +16,7 @@
 
 import heapq
 import sqlite3
-from collections import Counter
+from collections import Counter, deque
 from contextlib import closing
 from pathlib import Path
 
@@ -81,8 +81,9 @@ class SqliteReader(Reader):
         counts, self._in_files = Counter(), {}
         for file in self.files:
             times = []
-            if _wal(file).exists():
-                self._problems.append(f'{_wal(file).name} is not read: the newest may be missing')
+            if _has_wal(file):
+                self._problems.append(f'{_wal(file).name} is read with it: the recorder was not '
+                                      'ended, or still runs')
             try:
                 with closing(_connect(file)) as base:
                     self._rows[file] = self._read_topics(base)
@@ -110,7 +111,7 @@ class SqliteReader(Reader):
             {file.name: self._in_files.get(file.name, NOTHING) for file in self.files})
         for file in self.files:
             if self._listed.get(file.name, NOTHING).count > self._in_files.get(
-                    file.name, NOTHING).count and not _wal(file).exists():
+                    file.name, NOTHING).count and not _has_wal(file):
                 self._problems.append(f'{_wal(file).name}, where the newest may be, is not there')
         self._check_times()
         self.complete = True
@@ -124,8 +125,7 @@ class SqliteReader(Reader):
                    for name, row in self._listed.items()}
         there = {file.name for file in self.files}
         known = all(row.count for name, row in self._listed.items() if name not in there)
-        return topics, sum(max(0, count) for count in missing.values()), known and not any(
-            _wal(file).exists() for file in self.files)
+        return topics, sum(max(0, count) for count in missing.values()), known
 
     def _read_topics(self, base):
         kinds = dict(base.execute('SELECT name, type FROM sqlite_master'))
@@ -165,43 +165,26 @@ class SqliteReader(Reader):
                 self._problems.append(str(error))
         return self._described[type_name]
 
-    def messages(self, topics=None, start=None, end=None, decode=False):
-        """Messages in the order of their time; see `BagReader.messages`.
-
-        SQLite files of rosbag2 hold one time only: ``publish_time`` is ``log_time``.
-        """
-        wanted = {topics} if isinstance(topics, str) else topics if topics is None \
-            else set(topics)
-        low = 0 if start is None else start
-        high = 2**63 - 1 if end is None else end
+    def _stored(self, wanted, low, high):
+        """(BagMessage, None) of these, as they are."""
         for when, _, _, row, data in heapq.merge(
-                *(self._rows_of(n, file, wanted, low, high) for n, file in enumerate(self.files)),
-                key=lambda row: row[:3]):
-            message = BagMessage(*row[:2], data, when, when)
-            if decode:
-                message = message._replace(data=self.decode(message))
-                if message.data is None:
-                    continue
-            yield message
+                *(self._rows_of(n, file, wanted, low, min(high, 2**63 - 1))
+                  for n, file in enumerate(self.files)), key=lambda row: row[:3]):
+            yield BagMessage(*row[:2], data, when, when), None
 
     def last_before(self, topics, end):
         """The newest message of each of `topics` with a time before `end`, in order."""
         found = []
         for topic in topics:
-            newest = None
+            newest = -1
             for file, rows in self._rows.items():
                 ids = [str(id_) for id_, row in rows.items() if row[0] == topic]
-                if not ids:
-                    continue
                 with closing(_connect(file)) as base:
-                    row = base.execute(
-                        'SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN '
-                        f'({",".join(ids)}) AND timestamp < ? ORDER BY timestamp DESC, id DESC '
-                        'LIMIT 1', (min(end, 2**63 - 1),)).fetchone()
-                if row is not None and (newest is None or row[0] > newest.log_time):
-                    newest = BagMessage(topic, rows[row[1]][1], row[2], row[0], row[0])
-            if newest is not None:
-                found.append(newest)
+                    (time,), = base.execute(
+                        f'SELECT MAX(timestamp) FROM messages WHERE topic_id IN ({",".join(ids)}) '
+                        'AND timestamp < ?', (min(end, 2**63 - 1),))
+                newest = max(newest, -1 if time is None else time)
+            found += deque(self.messages(topic, newest, newest + 1), 1)
         return sorted(found, key=lambda message: message.log_time)
 
     def _rows_of(self, number, file, wanted, low, high):
@@ -230,8 +213,14 @@ def _wal(file):
     return file.with_name(f'{file.name}-wal')
 
 
+def _has_wal(file):
+    return _wal(file).exists() and _wal(file).stat().st_size > 0
+
+
 def _connect(file):
-    # immutable: nothing is written beside a file that may not be ours
-    base = sqlite3.connect(f'{file.resolve().as_uri()}?mode=ro&immutable=1', uri=True)
+    # nothing is written beside a file that may not be ours: no locks, no memory that is shared
+    how = 'vfs=unix-none' if _has_wal(file) else 'immutable=1'
+    base = sqlite3.connect(f'{file.resolve().as_uri()}?mode=ro&{how}', uri=True)
+    base.execute('PRAGMA locking_mode = EXCLUSIVE')
     base.execute('PRAGMA trusted_schema = OFF')
     return base

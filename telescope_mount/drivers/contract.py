@@ -18,10 +18,11 @@ import numpy as np
 
 from calibration.analysis.camera_faults import SAME_FRAMES
 from msg_tools import convert, topics
+from msg_tools.older_frames import is_y_up
 from msg_tools.units import ARCSEC, DEG, wrap
 from telescope_mount.observing.instruments import STILL
 
-from .samples import NOTE, OK, WRONG, Remarks
+from .samples import NOTE, OK, WRONG, Remarks, wrong_unit
 
 #: a stamp before that (2001) is none of now, s
 EPOCH = 1e9
@@ -39,6 +40,10 @@ GAP, PERIODS = 0.5, 5.0
 FASTEST = 60.0 * DEG
 #: a miss distance that no camera measures, and one that few do, rad
 BEYOND_FIELD, WIDE_FIELD = 0.1, 0.02
+#: a way by which velocities are judged, and a step of an encoder that is told, rad
+SOME_WAY, COARSE = 60.0 * ARCSEC, 5.0 * ARCSEC
+#: intervals of exposures after which one that arrives is late, and s before which none can be there
+PIPELINE, FASTEST_IMAGE = 1.5, 0.005
 #: a move that shows how two encoders go together, rad
 MOVED = 0.2 * DEG
 
@@ -75,7 +80,7 @@ def check_contract(samples):
             _together(absolute, samples)
     camera = Remarks(samples.camera.topic)
     if _stream(camera, samples, samples.camera, slow=0.0, late=LATE_FRAME):
-        _camera(camera, samples.camera)
+        _camera(camera, samples.camera, samples.clock)
     home = Remarks('home')
     if 'home' in samples.services:
         home.ok('is offered')
@@ -209,6 +214,12 @@ def _units(out, samples, values):
     if second <= highest and first <= 6.0 * np.pi:
         middle = np.degrees(values[-1])
         out.ok(f'reads {middle[0]:.2f} and {middle[1]:.2f} deg: can be')
+        for name, axis in zip(samples.mount.names.axes, values.T):
+            codes = np.unique(axis)
+            step = np.diff(codes).min() if 1 < len(codes) < len(axis) / 3 else 0.0
+            if step > COARSE:
+                out.note(f'{name} is read in steps of {step / ARCSEC:.0f} arcsec: a coarse '
+                         'encoder, or one read less often than it is published')
         return True
     where = f'reads {values[-1][0]:.6g} and {values[-1][1]:.6g}, which cannot be radians: '
     if first <= highest and second <= 2.0 * np.pi:
@@ -219,15 +230,6 @@ def _units(out, samples, values):
         why = 'counts or arcsec?'
     out.wrong(where + why)
     return False
-
-
-def _are_degrees(ratio):
-    return 30.0 < ratio < 110.0
-
-
-def _velocity_text(ratio):
-    return (f'velocity is {ratio:.3g} times what the angle does: '
-            f'{"deg/s? " * _are_degrees(ratio)}it must be rad/s')
 
 
 def _motion(out, stamps, values, rates, pointed):
@@ -246,23 +248,9 @@ def _motion(out, stamps, values, rates, pointed):
     if turn.any():
         out.note('wraps: it jumped by a turn; where a cable counts, count turns on, and commands '
                  'do too')
+    _velocity(out, way, passed, rates)
     own = way / passed
     moving, known = np.abs(own) > 10.0 * STILL, np.isfinite(rates[1:])
-    both, between = moving & known, 0.5 * (rates[1:] + rates[:-1])
-    if both.sum() >= 5:
-        ratio = float(np.nanmedian(between[both] / own[both]))
-        if ratio < 0.0:
-            out.wrong('velocity has the other sign than the angle')
-        elif not 0.5 < ratio < 2.0:
-            out.wrong(_velocity_text(ratio))
-    elif (known & ~moving & (np.abs(rates[1:]) > 10.0 * STILL)).sum() > 5:
-        # an axis that tracks moves too little from one reading to the next: over all of them
-        by_velocity, by_angle = (np.nansum(np.where(known, of, 0.0), axis=0)
-                                 for of in (between * passed, way))
-        axis = int(np.argmax(np.abs(by_velocity)))
-        ratio = float(by_velocity[axis] / by_angle[axis]) if by_angle[axis] else np.inf
-        out.wrong(_velocity_text(ratio) if _are_degrees(ratio) else
-                  'velocity not zero, but the angle does not change: frozen?')
     rest = ~moving.any(axis=1)
     if pointed and not known.any() and rest.sum() > 20:
         restless = float(np.mean(np.abs(own[rest]).max(axis=1) > STILL))
@@ -271,6 +259,26 @@ def _motion(out, stamps, values, rates, pointed):
                       'looks like motion: home never sees it at rest; fill velocity')
     if not way.any():
         out.note('not one bit has changed: it stands, or it is frozen (move the mount, or --nudge)')
+
+
+def _velocity(out, way, passed, rates):
+    """What the velocities add up to, against what the angle does over all readings."""
+    between = 0.5 * (rates[1:] + rates[:-1])
+    known = np.isfinite(between)
+    angle, added = (np.cumsum(np.where(known, of, 0.0), axis=0) for of in (way, between * passed))
+    for a, v in zip((angle - angle.mean(axis=0)).T, added.T):
+        slow, moved = STILL * passed.sum(), np.ptp(a)
+        if moved < SOME_WAY:
+            if np.ptp(v) > slow + MOVED:
+                out.wrong('velocity not zero, but the angle does not change: frozen?')
+            continue
+        ratio = float(a @ v / (a @ a))
+        if not 0.5 < ratio < 2.0:
+            out.add(NOTE if abs(ratio) < 0.5 and moved < slow else WRONG,
+                    'velocity has the other sign than the angle' if ratio < -0.5 else
+                    f'velocity is {ratio:.3g} times what the angle does: '
+                    f'{wrong_unit(ratio, "{}/s? ")}it must be rad/s')
+            return
 
 
 def _together(out, samples):
@@ -319,7 +327,14 @@ def _together(out, samples):
 # --- camera and mount -----------------------------------------------------------------------------
 
 
-def _camera(out, stream):
+def _camera(out, stream, simulated):
+    for frame in sorted(filter(is_y_up, stream.frames)):
+        out.note(f'frame_id {frame!r}: y is taken as up, as of older drivers; y down has '
+                 f'{convert.OPTICAL_FRAME}')
+    age, apart = float(np.median(stream.ages)), float(np.median(np.diff(stream.stamps or [0, 0])))
+    if age > PIPELINE * apart > 0.0 or age < FASTEST_IMAGE < 0.05 * apart and not simulated:
+        out.note(f'stamps are {age:.3g} s before they arrive, exposures {apart:.3g} s apart: is '
+                 'each stamp the middle of its exposure? The step clocks measures it')
     values = np.array(stream.values, float).reshape(-1, 2)
     stars = values[np.isfinite(values).all(axis=1)]
     if not len(stars):

@@ -115,6 +115,7 @@ class Listener:
         self._keep(stream, message.header, convert.read_sky_vector(message))
 
     def _keep(self, stream, header, values, rates=(np.nan, np.nan), names=()):
+        stream.frames.add(header.frame_id)
         stream.take(time.time(), convert.from_stamp(header.stamp) * 1e-9, values, rates, names,
                     self._power_ons.of(header), self._now())
 

@@ -25,7 +25,7 @@ from telescope_mount.observing.star_choice import has_neighbour
 
 from ..observing.axis_demand import Pointing
 from ..observing.star_choice import AxisLimits, axes_at
-from .samples import OK, WRONG, Remark, Remarks
+from .samples import OK, WRONG, Remark, Remarks, wrong_unit
 
 #: by how much a camera may be turned and its scale be wrong, rad and 1
 TURNED, SCALED = 2.0 * DEG, 0.05
@@ -143,10 +143,8 @@ def _check_turn(out, unit):
 
 
 def _check_scale(out, scale):
-    guess = next((f': {unit} for radians?' for unit, value in (
-        ('arcsec', ARCSEC), ('degrees', DEG)) if 0.5 < scale * value < 2.0), '')
     if abs(scale - 1.0) > SCALED:
-        out.wrong(f'scale {scale:.4g}, 1 would be right{guess}')
+        out.wrong(f'scale {scale:.4g}, 1 would be right{wrong_unit(scale, ": {} for radians?")}')
     else:
         out.ok(f'scale right to {abs(scale - 1.0):.1%}')
 

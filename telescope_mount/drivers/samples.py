@@ -20,6 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msg_tools.units import ARCSEC, DEG
+
 OK, NOTE, WRONG = 'ok', 'note', 'wrong'
 
 
@@ -62,6 +64,12 @@ class Endpoint(NamedTuple):
     latched: bool = False
 
 
+def wrong_unit(ratio, words):
+    """`words` with the unit that is `ratio` times too large for radians, '' for none."""
+    return next((words.format(unit) for unit, size in (('arcsec', ARCSEC), ('deg', DEG))
+                 if 0.5 < ratio * size < 2.0), '')
+
+
 @dataclass
 class Stream:
     """A topic and what came on it.
@@ -84,6 +92,8 @@ class Stream:
         Of each.
     refused : list of str
         Why messages could not be read at all.
+    frames : set of str
+        Their ``frame_id``.
     """
 
     topic: str
@@ -97,6 +107,7 @@ class Stream:
     rates: list = field(default_factory=list)
     power_ons: list = field(default_factory=list)
     refused: list = field(default_factory=list)
+    frames: set = field(default_factory=set)
 
     def take(self, arrived, stamp, values, rates=(np.nan, np.nan), names=(), power_on=None,
              now=None):

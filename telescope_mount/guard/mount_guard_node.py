@@ -273,7 +273,7 @@ class MountGuard(ManagedNode):
         self._resting = False
         site = _site(self)
         for limit, distance in self._limits.keep_out:
-            if self._whole or not limit.turns:
+            if self._whole or not limit.turns or not self._now():
                 continue
             az, el = limit.place(self._now() * 1e-9, site)  # by which a wrong site or clock is seen
             self.get_logger().info(

@@ -21,6 +21,7 @@ from contextlib import closing
 
 import pytest
 import yaml
+import zstandard
 from places import ROOT
 
 from msg_tools.bag import BagReader
@@ -106,3 +107,48 @@ def test_it_has_no_checksums_and_tells_what_is_missing(bag, tmp_path, capsys):
         in out and 'sq.db3-wal, where the newest may be, is not there' in out
     assert main(['recover', str(bag), '--out', str(tmp_path / 'mcap')]) == 1
     assert f'{count - 1000} of {count} messages are lost' in capsys.readouterr().out
+
+
+def test_what_a_killed_recorder_had_not_put_into_the_file_is_read(bag, tmp_path, capsys):
+    file, kept = bag / 'sq.db3', tmp_path / 'killed'
+    kept.mkdir()
+    with closing(sqlite3.connect(file)) as base:
+        newest = base.execute('SELECT * FROM messages WHERE id > 1000').fetchall()
+        base.execute('DELETE FROM messages WHERE id > 1000')
+        base.commit()
+        base.execute('PRAGMA journal_mode = WAL').fetchall()
+        base.execute('PRAGMA wal_checkpoint(TRUNCATE)').fetchall()
+        base.executemany('INSERT INTO messages VALUES(?, ?, ?, ?)', newest)
+        base.commit()
+        for one in bag.glob('sq.db3*'):  # as a kill leaves them, or without what is shared
+            shutil.copy(one, kept)
+        shutil.copy(bag / 'metadata.yaml', kept)
+    (kept / 'sq.db3-shm').unlink()
+    before = {one.name: one.read_bytes() for one in kept.iterdir()}
+    assert main(['info', str(kept)]) == 1
+    assert 'sq.db3-wal is read with it: the recorder' in ' '.join(capsys.readouterr().out.split())
+    assert main(['recover', str(kept), '--out', str(tmp_path / 'mcap')]) == 0
+    assert BagReader(tmp_path / 'mcap').message_count == log_info(NIGHT)['messages']
+    assert {one.name: one.read_bytes() for one in kept.iterdir()} == before
+
+
+def test_messages_and_files_that_were_packed(bag, tmp_path, capsys):
+    same = load_run(bag)
+    with closing(sqlite3.connect(bag / 'sq.db3')) as base:
+        base.create_function('pack', 1, zstandard.ZstdCompressor().compress)
+        base.execute('UPDATE messages SET data = pack(data)')
+        base.commit()
+    assert (load_run(bag)['az_enc'] == same['az_enc']).all()
+    assert main(['watch', str(bag), '--json', str(tmp_path / 'state.json')]) == 0
+    assert main(['recover', str(bag), '--out', str(tmp_path / 'mcap')]) == 0
+    new, old = BagReader(tmp_path / 'mcap'), BagReader(NIGHT)
+    assert Counter((m.topic, m.data) for m in new.messages()) == Counter(
+        (m.topic, m.data) for m in old.messages())
+    (bag / 'sq.db3').rename(bag / 'sq.db3.zstd')
+    for log in (bag, bag / 'sq.db3.zstd'):
+        assert main(['info', str(log)]) == 2
+        assert 'first: zstd -d' in ' '.join(capsys.readouterr().err.split())
+    (bag / 'sq.db3.zstd').rename(bag / 'sq.db3')
+    meta = bag / 'metadata.yaml'
+    meta.write_text(meta.read_text().replace('sq.db3', 'sq.db3.zstd'))
+    assert log_info(bag)['problems'] == []

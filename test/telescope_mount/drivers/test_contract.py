@@ -24,7 +24,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, parse_mount
 from telescope_mount.drivers.contract import check_contract
 from telescope_mount.drivers.nudge import check_nudge, went_elsewhere
-from telescope_mount.drivers.samples import OK, WRONG, DriverSamples, Endpoint, Rest, Stream
+from telescope_mount.drivers.samples import NOTE, OK, WRONG, DriverSamples, Endpoint, Rest, Stream
 
 NOW = 1_795_000_000.0
 JOINTS = 'sensor_msgs/msg/JointState'
@@ -144,6 +144,11 @@ def silent(good):
     return good
 
 
+def tracked(t):
+    """At the rate of the sky."""
+    return np.array([3.0, 0.7]) + 0.004 * DEG * t
+
+
 def unreadable(good):
     good.incremental.refused = ['1 positions for 2 joints'] * 3
     return good
@@ -209,10 +214,13 @@ def test_a_topic_of_another_namespace_is_named():
     ({'inc': lambda t, v, r: (v / ARCSEC, r)}, 'which cannot be radians: counts or arcsec?'),
     ({'inc': lambda t, v, r: (v, r / DEG)},
      f'{ENC}: velocity is 57.3 times what the angle does: deg/s?'),
-    ({'where': lambda t: np.array([3.0, 0.7]) + 0.004 * DEG * t,
-      'inc': lambda t, v, r: (v, (0.004, 0.004))},
-     f'{ENC}: velocity is 57.4 times what the angle does: deg/s?'),
+    ({'where': tracked, 'inc': lambda t, v, r: (v, (0.004, 0.004))},
+     f'{ENC}: velocity is 57.3 times what the angle does: deg/s?'),
     ({'inc': lambda t, v, r: (v, -r)}, f'{ENC}: velocity has the other sign than the angle'),
+    ({'where': tracked, 'inc': lambda t, v, r: (v, (-7e-5, -7e-5))},
+     f'{ENC}: velocity has the other sign than the angle'),
+    ({'where': tracked, 'inc': lambda t, v, r: (v, (14.4, 14.4))},
+     f'{ENC}: velocity is 2.06e+05 times what the angle does: arcsec/s?'),
     ({'inc': lambda t, v, r: ((3.0, 0.7), r)},
      f'{ENC}: velocity not zero, but the angle does not change: frozen?'),
     ({'inc': lambda t, v, r: (v + 0.5 * (8.0 < t < 8.2), r)}, f'{ENC}: jumped by up to'),
@@ -254,9 +262,41 @@ def test_the_offset_of_the_absolute_encoder_is_told():
     assert 'azimuth +100.' in text and 'elevation -50.' in text
 
 
+def asked(found):
+    return ' '.join(f'{f.of}: {f.text}' for f in found if f.level == NOTE)
+
+
+def late(seconds, exposure=1.0):
+    made = recorded(exposure=exposure)
+    made.camera.ages = [seconds] * len(made.camera.stamps)
+    return made
+
+
+def test_exposures_that_come_late_or_at_once_are_asked_about():
+    for seconds in (2.4, 0.001):
+        assert 'is each stamp the middle of its exposure?' in asked(check_contract(late(seconds)))
+    for good in (late(0.3), late(2.4, 2.0), replace(late(0.001), clock=True)):
+        assert 'middle' not in asked(check_contract(good))
+
+
+def test_a_frame_in_which_y_is_up_is_told():
+    old = recorded()
+    old.camera.frames = {''}
+    assert "camera/miss_distance: frame_id '': y is taken as up" in asked(check_contract(old))
+    old.camera.frames = {'boresight_optical'}
+    assert 'frame_id' not in asked(check_contract(old))
+
+
+def test_a_coarse_encoder_is_told():
+    coarse = recorded(where=tracked, rate=50.0, inc=lambda t, v, r: (
+        np.round(v / (20.0 * ARCSEC)) * 20.0 * ARCSEC, r))
+    assert f'{ENC}: azimuth is read in steps of 20 arcsec' in asked(check_contract(coarse))
+    assert wrong(check_contract(recorded(where=tracked))) == []
+
+
 def test_a_wide_offset_in_degrees_is_asked_about():
-    asked = recorded(miss=lambda number, m: m / DEG * 5)
-    assert any('is that in radians?' in finding.text for finding in check_contract(asked))
+    wide = recorded(miss=lambda number, m: m / DEG * 5)
+    assert 'is that in radians?' in asked(check_contract(wide))
 
 
 # --- nudged ---------------------------------------------------------------------------------------
@@ -311,7 +351,7 @@ def turned(angle):
     ({'camera': lambda m: m[::-1]}, f'{CAM}: x and y are exchanged'),
     ({'camera': lambda m: turned(20 * DEG) @ m}, f'{CAM}: turned by 20.'),
     ({'camera': lambda m: m / ARCSEC}, 'arcsec for radians?'),
-    ({'camera': lambda m: m / DEG}, 'degrees for radians?'),
+    ({'camera': lambda m: m / DEG}, 'deg for radians?'),
     ({'camera': lambda m: 1.2 * m}, f'{CAM}: scale 1.'),
     ({'camera': lambda m: 0 * m + 1e-5}, f'{CAM}: the star does not move with the mount'),
 ])
