@@ -12,8 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is known of a pointing before it is made: the model and the zero that are active, and the
-drivers of the model's effects.
+"""What is known before a pointing: the active model and zero, and the drivers of the model's
+effects.
 """
 
 from collections import deque
@@ -34,7 +34,7 @@ from .pointing_terms import design
 from .zero import NO_ZERO, active_zeros
 from .zero_drift import AXES, Following
 
-#: an effect that follows the time holds for so long after the last row it was fitted to, ns
+#: a time-dependent effect holds for this long after the last fitted row, ns
 HORIZON = 12 * 3600 * 10**9
 
 
@@ -45,31 +45,31 @@ class Gauge:
         self._readings = deque(maxlen=1000)
 
     def update(self, stamp, value):
-        """Keep a reading; one that is older than the last begins anew.
+        """Add a reading; one older than the last clears the history.
 
         Parameters
         ----------
         stamp : int
             ns.
         value : float or tuple
-            degC; what the base leans to the north and to the west, rad.
+            Temperature, degC; or tilt of the base to north and west, rad.
         """
         if self._readings and stamp < self._readings[-1][0]:
             self._readings.clear()
         self._readings.append((stamp, value))
 
     def before(self, stamp, default):
-        """The last reading made before `stamp` (ns); `default` without one."""
+        """The last reading before `stamp` (ns); `default` if there is none."""
         return next((value for at, value in reversed(self._readings) if at < stamp), default)
 
 
 def correlated_sigma(model, stamp, el):
-    """How far the zero may have drifted since the rows of a model, on the sky.
+    """Uncertainty from drift of the zero since the rows of a model, on the sky.
 
     Parameters
     ----------
     model : PointingModel or None
-        What drifts is in its provenance
+        Its provenance describes the drift
         (`calibration.analysis.diagnosis.residual_correlation`).
     stamp : int
         ns.
@@ -79,9 +79,9 @@ def correlated_sigma(model, stamp, el):
     Returns
     -------
     ndarray, shape (2,)
-        1 sigma of x and y, radians, of each axis that drifts: what it has moved since the last
-        row, 2 v (1 - exp(-t / tau)), and by then from the rows' middle, v (1 - exp(-T / 2 tau));
-        0 where nothing is known to.
+        1 sigma of x and y, radians; 0 for an axis without known drift. The variance is the drift
+        since the last row, 2 v (1 - exp(-t / tau)), plus that from the middle of the rows to the
+        last, v (1 - exp(-T / 2 tau)).
 
     Raises
     ------
@@ -109,12 +109,12 @@ def correlated_sigma(model, stamp, el):
 
 
 def tracked_sigma(model, stamp, az, el):
-    """How far the terms of a tracked model may have moved since its last star, on the sky.
+    """Uncertainty from the random walk of a tracked model's terms since its last star, on the sky.
 
     Parameters
     ----------
     model : PointingModel or None
-        Of a calibration in mode ``track``: its provenance gives how far each term drifts.
+        From a calibration in mode ``track``: its provenance has the drift rate of each term.
     stamp : int
         ns.
     az, el : float
@@ -123,7 +123,7 @@ def tracked_sigma(model, stamp, az, el):
     Returns
     -------
     ndarray, shape (2,)
-        1 sigma of x and y, radians; 0 for a model that was not tracked. Without a jump.
+        1 sigma of x and y, radians; 0 for a model that was not tracked. Jumps are not included.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def tracked_sigma(model, stamp, az, el):
 
 
 def time_driver(model, stamps):
-    """Times at which the effects of a model may be asked that follow the time.
+    """Times for the time-dependent effects of a model.
 
     Parameters
     ----------
@@ -151,8 +151,8 @@ def time_driver(model, stamps):
     Returns
     -------
     ndarray, shape (n,)
-        UTC s; NaN more than `HORIZON` after the last row of the model, or as long before it: a
-        drift goes on for the night, not for weeks.
+        UTC s. NaN more than `HORIZON` after or before the last row of the model: a drift may be
+        extrapolated over a night, not over weeks.
     """
     stamps = np.asarray(stamps, dtype=np.int64)
     last = model.provenance.get('last_stamp_ns')
@@ -163,19 +163,19 @@ def time_driver(model, stamps):
 
 
 def travelled(demand, row):
-    """How the axes came to a pointing, for an effect that remembers the last one.
+    """Drivers of how the axes reach a pointing, for effects that depend on the last one.
 
     Parameters
     ----------
     demand : array_like, shape (2,)
         Encoder angles, rad.
     row : dict or None
-        The observation before, with the names of `run.COLUMNS`.
+        The previous observation, with the names of `run.COLUMNS`.
 
     Returns
     -------
     dict
-        ``travel_az``, ``before_az``, ...; empty without a row before.
+        ``travel_az``, ``before_az``, ...; empty without a previous row.
     """
     if row is None:
         return {}
@@ -186,35 +186,35 @@ def travelled(demand, row):
 
 def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row, site,
                      mount=ALTAZ):
-    """What the effects of a model may ask of a pointing that is still to be made.
+    """Drivers of the model's effects for a pointing that is still to be made.
 
     Parameters
     ----------
     model : PointingModel
     stamps : ndarray of int, shape (n,)
-        Of the track, ns.
+        Stamps of the track, ns.
     az, el : ndarray, shape (n,)
         Catalogue places, rad.
     known : dict
         Further drivers by the names of `run.COLUMNS`.
     zero : array_like, shape (2,)
-        Active, rad.
+        Active zero, rad.
     here : array_like, shape (2,)
-        Where the encoders stand, rad.
+        Current encoder angles, rad.
     approach : array_like, shape (2,), or None
-        Sign with which the axes came to this star, if they did; without it that of the move
-        from `here`.
+        Sign of the final approach of the axes to this star, if known; otherwise that of the
+        move from `here`.
     row : dict or None
-        The observation before.
+        The previous observation.
     site : site.Site
     mount : Mount, optional
-        Whose axes the angles are of.
+        Its axes define the angles.
 
     Returns
     -------
     Context
     """
-    # which way the axes will come is known without the effects
+    # the direction of approach does not need the effects
     plain = np.ravel(replace(model, effects=()).sky_to_encoder(az[0], el[0])) + zero
     if approach is None:
         approach = np.sign([mount.way(here[0], plain[0]), plain[1] - here[1]])
@@ -225,35 +225,35 @@ def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row,
 
 
 class ActiveCalibration:
-    """Model, zero and thermometer, as they came last and as they go together.
+    """The latest consistent set of model, zero and thermometer.
 
-    A zero that says which model it goes with is taken with that model alone: whichever of the two
-    comes first waits for the other, and the pair before stays active. A zero of another power-on
-    than the encoder is in is refused.
+    A zero that names its model is only used together with that model: whichever comes first waits
+    for the other, and the previous pair stays active. A zero is refused if it belongs to another
+    power-on than the present one of the encoder.
 
     Parameters
     ----------
     model : PointingModel, optional
-        Active at the start.
+        Model that is active at the start.
     mount : Mount, optional
-        A model of another one is refused; without it any is taken.
+        A model of another mount is refused; by default any is accepted.
 
     Attributes
     ----------
     model : PointingModel or None
     models : int
-        How many came into force.
+        Number of models that became active.
     model_stamp : int
-        Of the last observation that the model rests on, ns; 0 where it does not say.
+        Stamp of the last observation of the fit, ns; 0 if unknown.
     model_name, model_text : str
-        `model_document.identity` of it, and its document; '' without one.
+        `model_document.identity` of the model, and its document; '' without a model.
     zero : PowerOnZero
     zero_stamp : int
-        Of the last observation that the zero rests on, ns.
+        Stamp of the last observation used for the zero, ns.
     refused, refused_stamp : int
-        How many zeros were refused; the same of the last of them.
+        Number of refused zeros, and the stamp of the last of them.
     power_on : PowerOn or None
-        That the encoder is in, where it tells.
+        Present power-on of the encoder, if it reports one.
     thermometer : Thermometer
     """
 
@@ -270,9 +270,10 @@ class ActiveCalibration:
         self._next_model = self._next_zero = None  # each waits for the other
 
     def update_model(self, text):
-        """Take a model as its JSON text; ValueError where it is none, or of another mount.
+        """Take a model as JSON text.
 
-        Or where no mount has it: see `calibration_messages.check_model`.
+        ValueError if it is not a model, is of another mount, or fails
+        `calibration_messages.check_model`.
         """
         model, name = PointingModel.from_json(text), identity(text)
         check_model(model)
@@ -297,20 +298,20 @@ class ActiveCalibration:
         self._next_model = self._next_zero = None
 
     def update_zero(self, stamp, zero):
-        """Take a PowerOnZero, unless it is of another power-on than the encoder is in.
+        """Take a PowerOnZero, unless it belongs to another power-on of the encoder.
 
         Raises
         ------
         ValueError
-            No encoder has it, see `calibration_messages.check_zero`; or it does not say what it is
-            of, and the active one does.
+            `calibration_messages.check_zero` fails; or the zero lacks its power-on and model while
+            the active one has them.
         """
         check_zero(zero)
         if zero.run is None and None not in (self.zero.run, self.zero.started, self.zero.model):
             raise ValueError('a zero without its power-on and model (zero/identity), '
                              'beside an active one that has them')
         if self._mismatch(zero):
-            # no error: right after a power cycle the last zero of before may still be on its way
+            # not an error: after a power cycle a zero of the previous power-on may still arrive
             self.refused += 1
             self.refused_stamp = max(self.refused_stamp, stamp)
             return
@@ -322,11 +323,11 @@ class ActiveCalibration:
         self.zero, self.zero_stamp, self._next_zero = zero, stamp, None
 
     def update_power_on(self, power_on):
-        """Take what the encoder says of its power-on, a `PowerOn` or None."""
+        """Take the power-on that the encoder reports, a `PowerOn` or None."""
         self.power_on = power_on
 
     def _mismatch(self, zero):
-        """How it is said that `zero` is not of the power-on that the encoder is in; '' if it is."""
+        """Message that `zero` is not of the present power-on; '' if it is."""
         now = self.power_on
         if now is None or zero.started is None or zero.started == now.started:
             return ''
@@ -335,16 +336,16 @@ class ActiveCalibration:
 
     @property
     def zero_is_unknown(self):
-        """Whether the power-on that the encoder is in has a zero that is not the active one."""
+        """Whether the active zero is of another power-on, or a newer zero was refused."""
         return bool(self._mismatch(self.zero)) or self.refused_stamp > self.zero_stamp
 
     @property
     def bound(self):
-        """Whether the zero says that it goes with the model."""
+        """Whether the zero names the active model as its own."""
         return self.zero.model == self.model_name
 
     def complaints(self):
-        """What of model and zero cannot be gone by, sentences for people."""
+        """Problems of model and zero, sentences for people."""
         out = []
         wrong = self._mismatch(self.zero)
         if wrong:
@@ -364,9 +365,9 @@ class ActiveCalibration:
         return out
 
     def zero_is_of_model(self):
-        """Whether the zero is the one that the model tells of, if it tells.
+        """Whether the zero is the one recorded in the model, if any is recorded.
 
-        They come on two topics, and one without the other points elsewhere.
+        They come on two topics; one without the other gives a wrong pointing.
         """
         known = active_zeros(self.model)
         return not known or bool(np.all(
@@ -376,15 +377,15 @@ class ActiveCalibration:
 
     @property
     def follows(self):
-        """Whether the zero follows the absolute encoder: the model says so, and it is its zero."""
+        """Whether the zero tracks the absolute encoder: its model says so, and it is its zero."""
         return bool(self._follows) and self.zero_is_of_model()
 
     def update_readings(self, run, incremental, absolute, start=np.nan):
-        """Take what both encoders read at one moment, shape (2,) each, rad.
+        """Take simultaneous readings of both encoders, shape (2,) each, rad.
 
-        `start` is when the absolute encoder's power-on began (UTC s; NaN where it does not tell).
-        Of another one than the reference's nothing is taken: the zero stays at what it had
-        followed to.
+        `start` is when the present power-on of the absolute encoder began (UTC s; NaN if it is not
+        reported). After a power cycle since the reference the readings are ignored: the zero keeps
+        its last tracked value.
         """
         self._stopped = bool(self._follows.stopped(run, start)) if run is not None else False
         if np.isfinite([incremental, absolute]).all() and not self._stopped:
@@ -392,19 +393,19 @@ class ActiveCalibration:
 
     @property
     def zero_now(self):
-        """Azimuth and elevation, shape (2,), rad: the zero with what the counts have drifted."""
+        """Zero in azimuth and elevation, shape (2,), rad: with the drift of the counts added."""
         if not self.follows or self._difference is None:
             return self.zero.angles
         return self.zero.angles + self._follows.moved(*self._difference)
 
     @property
     def zero_sigma(self):
-        """1 sigma of `zero_now`, shape (2,), rad; 0 where it is not known."""
+        """1 sigma of `zero_now`, shape (2,), rad; 0 where unknown."""
         sigma = np.nan_to_num(self.zero.sigma)
         return np.hypot(sigma, self._follows.sigma()) if self.follows else sigma
 
     def following(self):
-        """What follows, for people; '' where nothing does."""
+        """What tracks the absolute encoder, for people; '' if nothing does."""
         if not self.follows:
             return ''
         stopped = 'stopped, it was switched off and on: ' if self._stopped else ''
@@ -417,14 +418,14 @@ class ActiveCalibration:
             f'{axes[name]} by {moved[name] / ARCSEC:+.2f} arcsec' for name in self._follows.axes)
 
     def encoder(self, az, el, context=None):
-        """Encoder angles that point at a place: model and zero, each once.
+        """Encoder angles that point at a place, with model and zero each applied once.
 
         Parameters
         ----------
         az, el : ndarray, shape (n,)
             Catalogue place, rad.
         context : Context, optional
-            What the effects of the model ask for.
+            Drivers of the model's effects.
 
         Returns
         -------

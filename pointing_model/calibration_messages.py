@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a calibration publishes, as messages and back: the active pair, a zero, causes.
+"""Messages of a calibration, both ways: the active pair of model and zero, a zero, causes.
 
-The pair of a model and the zero that goes with it is one JSON text on ``in_force``: who reads
-``zero`` alone knows half of where the mount points. No mount has the sizes beyond which a model or
-a zero is refused here; they are no expectation of a good one. A zero of an incremental encoder may
-be any angle of a turn, and so may the index terms, which are the same thing.
+A model and its zero are one JSON text on ``in_force``: ``zero`` alone is only half of the
+pointing. A model or a zero is refused here if its size is impossible for any mount; these limits
+do not say what a good one looks like. The zero of an incremental encoder may be any angle of a
+turn, and so may the index terms, which are equivalent to it.
 
-A zero alone is a JointState on ``zero``. What it is worth anything with is on ``zero/identity``:
-`zero_identity`. In older logs the zero says it: `msg_tools.older_frames`.
+A zero alone is a JointState on ``zero``. Its power-on and model are on ``zero/identity``
+(`zero_identity`). Older logs have them in the zero message: `msg_tools.older_frames`.
 """
 
 import json
@@ -48,14 +48,14 @@ VERSION = 1
 
 
 def pair_to_text(model_text, stamp, zero):
-    """The document.
+    """The JSON document of the active pair.
 
     Parameters
     ----------
     model_text : str
-        Of `PointingModel.to_json`; '' for none.
+        Document of `PointingModel.to_json`; '' for none.
     stamp : int
-        Of the newest observation that the zero rests on, ns.
+        Stamp of the newest observation used for the zero, ns.
     zero : PowerOnZero
 
     Returns
@@ -63,7 +63,7 @@ def pair_to_text(model_text, stamp, zero):
     str
         JSON: ``model`` (the document of a pointing model, or null) and ``zero`` with
         ``stamp_ns``, ``run``, ``encoder_start`` (UTC s), ``model`` (its name), ``az_rad``,
-        ``el_rad``, ``sigma_rad`` (null where unknown), and ``by`` where it is not by Polaris.
+        ``el_rad``, ``sigma_rad`` (null if unknown), and ``by`` unless it is from Polaris.
     """
     known = bool(np.isfinite(zero.sigma).all())
     return json.dumps({
@@ -77,7 +77,7 @@ def pair_to_text(model_text, stamp, zero):
 
 
 def text_to_pair(text):
-    """The way back from `pair_to_text`.
+    """The inverse of `pair_to_text`.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def text_to_pair(text):
     Raises
     ------
     ValueError
-        It is no such document, its halves do not go together, or no mount has them.
+        Not such a document, the zero is of another model, or a size impossible for any mount.
     """
     try:
         document = json.loads(text)
@@ -113,16 +113,16 @@ def text_to_pair(text):
     return model_text, stamp, zero
 
 
-#: index terms of the axes: zeros by another name
+#: index terms of the axes, equivalent to zeros
 _INDEX = ('IA', 'IE', 'IH', 'ID')
-#: a turn; a right angle, beyond which an axis, a tube or a camera stands for another; rad
+#: a turn; a right angle: a term beyond it would swap axis, tube or camera with another; rad
 _TURN, _RIGHT = 360.0 * DEG, 90.0 * DEG
-#: by how much rounding may make a covariance larger than its variances allow, of them
+#: relative excess of a covariance over its variances that rounding may cause
 _ROUNDING = 1e-3
 
 
 def check_model(model):
-    """Refuse a model of no mount.
+    """Refuse a model that is impossible for any mount.
 
     Parameters
     ----------
@@ -131,9 +131,9 @@ def check_model(model):
     Raises
     ------
     ValueError
-        A term beyond a right angle (an index term, a coefficient of the harmonics or of an
-        effect: beyond a turn), or a covariance that is none or gives a sigma beyond a turn. One
-        line that names it.
+        A term beyond a right angle (index terms and coefficients of harmonics or effects: beyond
+        a turn), an invalid covariance, or a sigma beyond a turn. The message is one line with
+        its name.
     """
     for name, value in model.terms.items():
         most = _TURN if name in _INDEX else _RIGHT
@@ -152,7 +152,7 @@ def check_model(model):
 
 
 def check_zero(zero):
-    """Refuse a zero of no encoder.
+    """Refuse a zero that is impossible for any encoder.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def check_zero(zero):
     Raises
     ------
     ValueError
-        An angle or a sigma is beyond a turn, or is no number. One line that says which.
+        An angle or a sigma beyond a turn, or not a number. One line that says which.
     """
     for axis, value in zip(('first', 'second'), zero.angles):
         if not abs(value) <= _TURN:
@@ -198,21 +198,21 @@ IDENTITY_VERSION = 1
 
 
 def zero_to_joints(zero, ns, names=AXES):
-    """A JointState: ``position`` the zero, ``effort`` its sigma (rad).
+    """A JointState: ``position`` is the zero, ``effort`` its sigma (rad).
 
     Parameters
     ----------
     zero : PowerOnZero
     ns : int
-        Stamp of the newest observation that it rests on.
+        Stamp of the newest observation used.
     names : sequence of str
-        Of the axes (`msg_tools.convert.JOINTS`).
+        Names of the axes (`msg_tools.convert.JOINTS`).
     """
     return joint_state(ns, zero.angles, effort=zero.sigma, names=names)
 
 
 def zero_identity(zero, ns):
-    """A DiagnosticArray: which zero it is, and of which power-on and model.
+    """A DiagnosticArray that names the zero, its power-on and its model.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def zero_identity(zero, ns):
 
 
 class ZeroPairs:
-    """Puts zeros and their identities together, in whatever order they come."""
+    """Matches zeros with their identities, in whatever order they arrive."""
 
     def __init__(self):
         self._zero = self._identity = self._given = None
@@ -245,12 +245,12 @@ class ZeroPairs:
         ns : int
             Stamp.
         zero : PowerOnZero
-            Or None instead of both where the other half is not there yet.
+            None instead of both while the other half is missing.
 
         Raises
         ------
         ValueError
-            As of `joints_to_zero`, or the identity is none.
+            See `joints_to_zero`; or the identity is invalid.
         """
         if hasattr(message, 'status'):
             self._identity = values_of(message, 'zero', IDENTITY_VERSION)
@@ -278,22 +278,21 @@ class ZeroPairs:
 
 
 def joints_to_zero(message, run=None):
-    """The way back from `zero_to_joints`, without its identity unless it is an older one.
+    """The inverse of `zero_to_joints`; only older messages have the identity, too.
 
     Parameters
     ----------
     message : sensor_msgs.msg.JointState
     run : int or float, optional
-        Number of the run where the message does not tell it: that of the last observation before
-        it.
+        Run number if the message has none: that of the last observation before it.
 
     Returns
     -------
     ns : int
         Stamp.
     zero : PowerOnZero
-        Without a covariance where the message gives no sigma; without ``started`` and ``model``
-        where it does not tell them.
+        Without a covariance if the message gives no sigma; without ``started`` and ``model`` if
+        it has none.
 
     Raises
     ------
@@ -303,28 +302,28 @@ def joints_to_zero(message, run=None):
     ns, angles, _, sigma = read_joints(message)
     if not np.isfinite(angles).all():
         raise ValueError('zero is not a number')
-    with np.errstate(over='ignore'):  # who uses it asks whether it can be
+    with np.errstate(over='ignore'):  # the user checks the size
         covariance = np.diag(np.square(sigma)) if np.isfinite(sigma).all() else None
     return ns, PowerOnZero(*angles, covariance, *(zero_in(message.header.frame_id) or (run,)))
 
 
 CAUSES_FORMAT = 'telescope_mount/apart'
 CAUSES_VERSION = 1
-#: states: a star is wanted; each set is one cause; a set is not
+#: states: a star is requested; each set has one cause; a set cannot be resolved
 ASKS, ONE_CAUSE, CANNOT = 'asks', 'one cause', 'cannot be distinguished from here'
 
 
 @dataclass(frozen=True)
 class StarRequest:
-    """How causes stand, and the star that is wanted.
+    """State of the search for causes, and the star to observe next.
 
     Attributes
     ----------
     stamp : int
-        Of the newest row that it is reported of, ns.
+        Stamp of the newest row that was used, ns.
     state, sentence : str
     request : dict or None
-        As of `calibration.analysis.diagnosis.discrimination.Judgement`.
+        See `calibration.analysis.diagnosis.discrimination.Judgement`.
     """
 
     stamp: int
@@ -334,12 +333,12 @@ class StarRequest:
 
     @classmethod
     def read(cls, text):
-        """From the document on `apart`.
+        """Read the document of the topic ``apart``.
 
         Raises
         ------
         ValueError
-            It is none, or damaged.
+            Not such a document, or damaged.
         """
         try:
             found = json.loads(text)

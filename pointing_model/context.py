@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an effect may depend on besides the direction: time, temperature, approach, reading, ..."""
+"""Drivers of effects besides the direction: time, temperature, approach, reading, ..."""
 
 import re
 from functools import cached_property
@@ -27,20 +27,20 @@ from .runs.columns.column_names import is_cause
 from .runs.run import COLUMNS, known_site
 from .sky.places import are_star_rates, star_rates
 
-#: columns of a run that are no drivers of the user's own
+#: columns of a run that are not user-defined drivers
 _KNOWN = set(COLUMNS) - {'pressure'} | {
     'az_raw', 'el_raw', 'pier_side', 'counterweight', 'lst', 'lst_h', 'ra', 'dec', 'row',
     'run_hours'}
-#: runs that begin farther apart are of several nights, s
+#: runs that begin farther apart than this are different nights, s
 _NIGHT = 12.0 * 3600.0
-#: derived drivers that a row has from the rows around it
+#: derived drivers that depend on neighbouring rows
 _INHERITED = ('order', 'travel_az', 'travel_el', 'before_az', 'before_el', 'slew_az', 'slew_el')
 #: drivers of an axis in words
 _IN_WORDS = {'approach': 'direction of approach in', 'travel': 'way travelled in',
              'before': 'approach before that in', 'unwrapped': 'turns of the',
              'reading': 'encoder reading of', 'rate': 'rate of'}
 _UNIT = re.compile('_(?:deg|rad|arcsec|c|hpa|s|h|m|mm|percent)$')
-#: why a driver that no column has by its own name is not known, and which column would tell it
+#: why a driver without a column is unknown, and which column would provide it
 UNKNOWN = {
     **dict.fromkeys(('pm_x', 'pm_y'), 'the proper motion of the stars is not known (a column star '
                     'with Hipparcos numbers gives it)'),
@@ -66,55 +66,54 @@ def _per_run(reduce, values, label):
 
 
 class Context:
-    """Directions and the drivers that are known for them.
+    """Directions and their known drivers.
 
     Parameters
     ----------
     az, el : float or ndarray, shape (n,)
         Catalogue place, radians.
     columns : dict of str to ndarray or float, optional
-        Drivers by the names of `run.COLUMNS` (SI), and the user's own. NaN is unknown.
+        Drivers by the names of `run.COLUMNS` (SI), and user-defined ones. NaN is unknown.
     latitude, longitude : float, optional
         Of the site, radians, north and east positive.
     mount : Mount, optional
-        Whose axes the angles are of.
+        Its axes define the angles.
 
     Notes
     -----
-    `get` also derives: ``lst`` (rad, from ``lst_h`` in hours, or from the time and the
-    longitude), ``reading_az``/``reading_el`` (raw encoder angle: ``az_raw``, else ``az_enc`` with
-    the star's miss distance taken out), ``unwrapped_az``/``unwrapped_el`` (the angle in the turn
-    that the encoder reads), ``order`` (position of the row in its run, 0 to 1),
-    ``travel_az``/``travel_el`` (from the row before, rad), ``slew_az``/``slew_el`` (the same, with
-    its sign), ``before_az``/``before_el`` (approach of the row before), ``az_rate``/``el_rate``
-    (sidereal, where the site's latitude is known), ``pm_x``/``pm_y`` (proper motion on the sky of
-    the Hipparcos star, arcsec a year),
-    ``pier_side`` (-1 through the pole, else 1; of mounts that go there), ``counterweight`` (of
-    German mounts: what it pulls across the first axis, 1 to -1), and the angles of the axes by
-    their names (``hour_angle``, ``declination``) beside azimuth and elevation.
-    The row before is the one before in time where the time of all rows is known. `from_run` adds
-    ``run_hours`` (since the first row of the same run, h): single rows do not decide it.
+    `get` also derives: ``lst`` (rad, from ``lst_h`` in hours, or from time and longitude),
+    ``reading_az``/``reading_el`` (raw encoder angle: ``az_raw``, else ``az_enc`` without the
+    star's miss distance), ``unwrapped_az``/``unwrapped_el`` (angle in the turn that the encoder
+    reads), ``order`` (position of the row in its run, 0 to 1), ``travel_az``/``travel_el`` (move
+    from the previous row, rad), ``slew_az``/``slew_el`` (the same with its sign),
+    ``before_az``/``before_el`` (approach of the previous row), ``az_rate``/``el_rate`` (sidereal,
+    if the site's latitude is known), ``pm_x``/``pm_y`` (proper motion on the sky of the Hipparcos
+    star, arcsec a year),
+    ``pier_side`` (-1 through the pole, else 1; for mounts that go there), ``counterweight`` (German
+    mounts: component of the counterweight's pull across the first axis, 1 to -1), and the angles
+    of the axes by their names (``hour_angle``, ``declination``) besides azimuth and elevation.
+    The previous row is the previous one in time if all times are known. `from_run` adds
+    ``run_hours`` (hours since the first row of the same run), which single rows do not determine.
     """
 
     def __init__(self, az, el, columns=None, latitude=None, longitude=None, mount=ALTAZ):
         self.az, self.el = (np.atleast_1d(np.asarray(v, float)) for v in (az, el))
         self.mount = mount
-        #: of the axes; `term` takes terms where they act
+        #: at the axis angles; `term` evaluates terms where they act
         self.trig = Trig(self.az, self.el, mount.with_errors(OF_MOUNT))
         self.columns = dict(columns or {})
         self.latitude, self.longitude = latitude, longitude
-        #: False where time counts from an arbitrary start, or the angles are no raw readings
+        #: False if time has an arbitrary start, or if the angles are not raw readings
         self.time_is_utc, self.raw_reading = True, True
-        #: lines in a turn by axis and kind, where they are declared, and own columns that are
-        #: named as drivers
+        #: lines per turn by axis and kind, if declared; user columns that are declared drivers
         self.graduation, self.drivers = {}, ()
-        #: periods in a turn by axis, of worm wheels that are declared
+        #: declared worm wheels: periods per turn by axis
         self.worms = {}
-        #: corners of the skyline of the site, as `guard.skyline.parse_horizon` has them
+        #: corners of the skyline of the site, in the form of `guard.skyline.parse_horizon`
         self.skyline = ()
-        #: of all rows, where these are some of them
+        #: context of all rows, if this is a subset of them
         self.whole = None
-        #: times and values of drivers between and before the rows
+        #: times and values of drivers logged between and before the rows
         self.logs = {}
         self._derived = dict(zip(mount.names.keys, (self.az, self.el)))
 
@@ -125,9 +124,9 @@ class Context:
         Parameters
         ----------
         run : PointingRun
-            ``meta['site']`` (an object or dict with latitude and longitude) is used if there.
+            ``meta['site']`` (an object or dict with latitude and longitude) is used if present.
         encoder : {'enc', 'abs'}
-            The encoder that is diagnosed: its angles count as ``az_enc``, ``el_enc``.
+            The encoder that is diagnosed: its angles become ``az_enc``, ``el_enc``.
         """
         columns = dict(run.columns)
         if encoder != 'enc':
@@ -167,7 +166,7 @@ class Context:
                                   self.mount))
 
     def select(self, rows):
-        """Some rows (a mask, indices or a slice), with what they inherit from the one before.
+        """Subset of the rows (mask, indices or slice); drivers from the previous row are kept.
 
         Returns
         -------
@@ -182,7 +181,7 @@ class Context:
         return out
 
     def _like(self, other):
-        """`other` with what is known of the whole run."""
+        """Copy to `other` what is known of the whole run."""
         for name in ('time_is_utc', 'raw_reading', 'graduation', 'worms', 'drivers', 'skyline',
                      'logs'):
             setattr(other, name, getattr(self, name))
@@ -190,12 +189,12 @@ class Context:
         return other
 
     def log_of(self, name):
-        """Times and values of a driver in all rows of the run, in these, and in its log.
+        """Times and values of a driver, from all rows of the run and from its log.
 
         Returns
         -------
         time, value : ndarray, shape (m,)
-            Rising; rows of one time are one.
+            In increasing time; equal times are averaged.
         """
         rows = [(one.get('time'), one.get(name)) for one in {id(c): c for c in (
             self.whole or self, self)}.values()]
@@ -209,35 +208,35 @@ class Context:
         return time, np.bincount(place, rows[1]) / np.bincount(place)
 
     def extra(self):
-        """Names of the numeric columns of the user's own that are causes, or named as drivers."""
+        """Names of the user's numeric columns that are causes by name, or declared drivers."""
         return [name for name in self.own_columns() if name in self.drivers or is_cause(name)]
 
     def left_out(self):
-        """Names of the numeric columns of the user's own that are no drivers unless named."""
+        """Names of the user's numeric columns that are not drivers unless declared."""
         taken = self.extra()
         return [name for name in self.own_columns() if name not in taken]
 
     def own_columns(self):
-        """Names of the numeric columns that are the user's own."""
+        """Names of the user's numeric columns."""
         return [name for name, v in self.columns.items()
                 if name not in _KNOWN and np.asarray(v).dtype.kind in 'fiub']
 
     def several_nights(self):
-        """Whether ``run_hours`` tells what ``time`` does not: the same again in every run."""
+        """Whether the runs are of several nights: ``run_hours`` then repeats, unlike ``time``."""
         hours, time, run = (self.get(name) for name in ('run_hours', 'time', 'run'))
         if hours is None or time is None or run is None or len(np.unique(run)) < 2:
             return False
-        # runs of one night share its clock
+        # runs of one night share a clock
         return bool(np.ptp(_per_run(np.fmin, time, _labels(run))) > _NIGHT)
 
     def get(self, name):
-        """Driver `name`, shape (n,), or None where it is not known at all."""
+        """Driver `name`, shape (n,), or None if it is entirely unknown."""
         if name not in self._derived:
             self._derived[name] = self._find(name)
         return self._derived[name]
 
     def span(self, name):
-        """Finite values of a driver, or the reason why it can show nothing.
+        """Finite values of a driver, or the reason why it is unusable.
 
         Returns
         -------
@@ -256,7 +255,7 @@ class Context:
         return finite, None
 
     def wording(self, name):
-        """A driver for people: ``approach_az`` is "direction of approach in hour angle"."""
+        """Name of a driver for people: ``approach_az`` is "direction of approach in hour angle"."""
         if name in self.columns and name not in _KNOWN:
             words = _UNIT.sub('', name).replace('_', ' ')
             return words if words == name else f'{words} (column {name})'
@@ -285,7 +284,7 @@ class Context:
     # ------------------------------------------------------------------------------- derived
 
     def on_horizon(self):
-        """Azimuth and elevation of the places, whichever way the mount looks there."""
+        """Azimuth and elevation of the places, for either way of pointing there."""
         return self.mount.horizon_of(self.az, self.el)
 
     def _derive_azimuth(self):
@@ -301,12 +300,12 @@ class Context:
         return np.where(beyond, -1.0, 1.0)
 
     def _derive_counterweight(self):
-        # of a level shaft; it turns with the first axis
+        # of a level counterweight shaft; it turns with the first axis
         return np.cos(self.az) if self.mount.two_sided else None
 
     @cached_property
     def _sequence(self):
-        """Rows as they were observed, run after run, and which of these begin a run."""
+        """Rows in the order of observation, run after run, and which of them begin a run."""
         label = np.zeros(len(self), int)
         run = self.columns.get('run')
         if run is not None:
@@ -320,7 +319,7 @@ class Context:
         return rows, starts
 
     def _from_before(self, value):
-        """`value(rows, rows before)` at its rows; NaN where a run begins."""
+        """`value(rows, previous rows)` for each row; NaN where a run begins."""
         rows, starts = self._sequence
         out = np.full(len(self), np.nan)
         out[rows[1:]] = value(rows[1:], rows[:-1])
@@ -351,7 +350,7 @@ class Context:
         time = self.get('time')
         if time is None or self.longitude is None or not self.time_is_utc:
             return None
-        # Greenwich mean sidereal time with UT1 = UTC: 15" at most, the same all night
+        # Greenwich mean sidereal time with UT1 = UTC: at most 15" off, constant over a night
         return self.longitude + 4.894961212735793 + _TURN * 1.00273790935 * (
             (time - _J2000) / 86400.0)
 
@@ -376,7 +375,7 @@ class Context:
         return self._from_before(lambda rows, last: np.abs(wrap(angle[rows] - angle[last])))
 
     def _derive_unwrapped(self, axis):
-        # the place of the star, in the turn that the encoder reads
+        # place of the star, in the turn that the encoder reads
         angle = self.az if axis == 'az' else self.el
         reading = self.columns.get(f'{axis}_enc')
         if reading is None:
@@ -390,12 +389,12 @@ class Context:
         angle = np.asarray(angle, float)
         side = self.get(f'approach_{axis}')
         way = self._from_before(lambda rows, last: angle[rows] - angle[last])
-        # encoders that read whole turns know which way it went; a mount that never goes through the
-        # end of its circle came from the side that this takes
+        # a move of more than half a turn is real if the encoder counts whole turns, or if every
+        # approach agrees with it: the mount then never passes the end of its circle
         far = np.abs(way) > 0.5 * _TURN
         if np.ptp(angle) <= _TURN and not (side is not None and (side * way > 0.0)[far].all()):
             way = wrap(way)
-        # more than half a turn, where the side from which it came says so
+        # more than half a turn, if the direction of approach shows it
         round_ = 0.0 if side is None or axis == 'el' else np.nan_to_num(side * way < 0.0) * (
             np.abs(way) > 0.25 * _TURN)
         return way - _TURN * np.sign(way) * round_
@@ -417,7 +416,7 @@ class Context:
         return star_rates(self.direction(), self.tangent(), self.latitude)
 
     def _drop_noisy_rates(self):
-        """Measured rates that are those of stars but for noise give way to the stars' own."""
+        """Replace measured rates by sidereal ones if they differ only by noise."""
         x, y = self.columns.get('az_rate'), self.columns.get('el_rate')
         if self.latitude is not None and x is not None and y is not None and are_star_rates(
                 x * self.trig.cos_el, y, *self._star_rates):
@@ -429,7 +428,7 @@ class Context:
         Returns
         -------
         ndarray, shape (3, 3, n)
-            Axis, component, row. X and Y need the sidereal time.
+            Index of axis, component, row. X and Y need the sidereal time.
         """
         lst = self.get('lst')
         if self.latitude is None or lst is None:
@@ -438,7 +437,7 @@ class Context:
         return equatorial_axes(lst, self.latitude)
 
     def tangent(self):
-        """East-north-up unit vectors toward growing angles of the axes, each shape (3, n)."""
+        """East-north-up unit vectors in which the axis angles increase, each of shape (3, n)."""
         return self.mount.tangents(self.az, self.el)
 
     def direction(self):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Angles of the axes between two readings, and both encoders at one moment by them."""
+"""Axis angles interpolated between readings, and simultaneous readings of both encoders."""
 
 from collections import deque
 
@@ -20,20 +20,20 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-#: an axis faster than this is no place to compare encoders of different latency, rad/s
+#: faster axes are not used to compare encoders of different latency, rad/s
 _SLOW = 0.01 * DEG
 
 
 class Difference:
-    """Readings of both encoders of one moment, from streams of each that know no other.
+    """Simultaneous readings of both encoders, from two independent streams.
 
     Attributes
     ----------
     incremental, absolute : ndarray, shape (2,), or None
         The last pair, rad.
     start : float
-        When the power-on began that this reading of the absolute encoder is of, UTC s; NaN where
-        it does not report it.
+        Begin of the power-on of the absolute encoder in which it gave this reading, UTC s; NaN
+        if it is not reported.
     """
 
     def __init__(self):
@@ -50,7 +50,7 @@ class Difference:
         self._pair()
 
     def update_absolute(self, stamp, angles, start=np.nan):
-        """Take a reading (ns, rad), and when its power-on began (UTC s)."""
+        """Take a reading (ns, rad), and the begin of its power-on (UTC s)."""
         self._second = stamp, angles, start
         self._pair()
 
@@ -68,7 +68,7 @@ class Difference:
 
 
 def interpolate(stamps, angles, stamp, before=0):
-    """The angles at `stamp`, between the readings beside it.
+    """Angles at `stamp`, interpolated between the two adjacent readings.
 
     Parameters
     ----------
@@ -79,12 +79,13 @@ def interpolate(stamps, angles, stamp, before=0):
     stamp : int
         Within the range of `stamps`.
     before : int
-        Rates are from that long before it (ns) to the next reading; 0: between the two readings.
+        Rates are averaged from this long before `stamp` (ns) to the next reading; 0: between the
+        two adjacent readings.
 
     Returns
     -------
     angles : ndarray, shape (2,)
-        Radians; NaN where an axis gave none.
+        Radians; NaN for an axis without a reading.
     rates : ndarray, shape (2,)
         rad/s.
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Effects with their fitted coefficients, as a pointing model carries them."""
+"""Effects with fitted coefficients, as stored in a pointing model."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ from .mounts import ALTAZ
 
 @dataclass(frozen=True)
 class FittedEffect:
-    """An effect and how large it is.
+    """An effect and its fitted coefficients.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class FittedEffect:
             value = np.zeros(k) if value is None else np.asarray(value, float)
             if value.shape != (k,) or not np.isfinite(value).all():
                 raise ValueError(f'effect {self.effect.name} needs {k} finite {name}')
-            # as the document's decimal numbers give it back
+            # rounded as the document's decimal numbers are read back
             object.__setattr__(self, name, value / ARCSEC * ARCSEC)
 
     def offsets(self, context):
@@ -62,7 +62,7 @@ class FittedEffect:
         return np.tensordot(self.coefficients, self.effect.columns(context), axes=1)
 
     def variance(self, context):
-        """Variance of `offsets` with the coefficients taken as independent."""
+        """Variance of `offsets`, with independent coefficients."""
         return np.tensordot(self.sigma**2, self.effect.columns(context) ** 2, axes=1)
 
     def unknown(self, context):
@@ -112,7 +112,7 @@ def as_context(context, az, el, mount=ALTAZ):
     az, el : ndarray, shape (n,)
         Radians.
     mount : Mount, optional
-        Whose axes they are of, where the context does not report it.
+        Mount of the angles, unless the context gives it.
     """
     if context is None or isinstance(context, dict):
         return Context(az, el, context, mount=mount)

@@ -21,20 +21,20 @@ of sight is::
 
 with the axis angles a = A_enc - IA and e = E_enc - IE - TF cos E. Rx turns about the elevation
 axis (to the right of the tube), N lifts the right end of that axis by NPAE, Rz turns the mount
-from north to east, and T is the shortest rotation that leans the azimuth axis by (AN, AW) to
+from north to east, and T is the shortest rotation that tilts the azimuth axis by (AN, AW) to
 north and west: T = exp of the rotation vector (-AN, -AW, 0). To first order this is the design
-of `pointing_terms`; to second order it is not, and 60" of tilt with 60" of collimation make 0.26"
+of `pointing_terms`. The second order differs: 60" of tilt with 60" of collimation make 0.26"
 at 85 degrees of elevation.
 
-In another frame the names are others (IH ID CH NP MA ME; `Mount.names`) and the rotations the
-same. A place (a, e) with e beyond the pole is reached there with cos e < 0: of the two solutions
-the one on that side is taken, so that signs which change with the side need not be known. Where
-errors act on the sky (`Mount.errors`), all of this is done at the place folded back to it.
+In another frame the terms have other names (IH ID CH NP MA ME; `Mount.names`), with the same
+rotations. A place (a, e) with e beyond the pole is reached with cos e < 0: of the two solutions
+the one on that side is taken, so no sign has to be switched with the side. If errors act on the
+sky (`Mount.errors`), all of this is done at the place folded back to the sky.
 
 E in the flexure TF cos E is the catalogue elevation, as in the design columns and in every
-other empirical term; it is undone by iteration, which shrinks an error by TF in each step. It
-lifts the line of sight toward the zenith: of an alt-azimuth mount it is added to the elevation,
-of another the direction is turned by it before the rotations.
+other empirical term. It is inverted by iteration; each step reduces the error by a factor TF. It
+lifts the line of sight toward the zenith: on an alt-azimuth mount it is added to the elevation,
+on other mounts the direction is rotated by it before the other rotations.
 """
 
 from math import cos, hypot, sin
@@ -53,14 +53,14 @@ _STEPS = 50
 
 
 class _AxisSolution(NamedTuple):
-    """Vectors on the way from a direction to the axis angles.
+    """Intermediate vectors between a direction and the axis angles.
 
     Attributes
     ----------
     ux, uy, horizontal : ndarray
-        The direction on the mount's base, and the square of its length beside the axis.
+        Horizontal components of the direction in the base frame, and the sum of their squares.
     vx, vy, sin_e, cos_e : ndarray
-        Before the azimuth turn, and before the other rotations about it.
+        Components before the azimuth rotation, and sine and cosine of the second axis angle.
     """
 
     ux: np.ndarray
@@ -73,7 +73,7 @@ class _AxisSolution(NamedTuple):
 
 
 def values(coefficients, mount):
-    """Coefficients in the order of `CANONICAL`, radians; ValueError: an unknown one."""
+    """Coefficients in the order of `CANONICAL`, radians; ValueError for an unknown name."""
     terms = mount.names.terms
     unknown = [name for name in coefficients if name not in terms]
     if unknown:
@@ -108,7 +108,7 @@ def _lifted(place, tf, zenith):
 
 
 def _lowered(place, tf, zenith, star):
-    """The inverse of `_lifted`: by as much as it lifts `star`."""
+    """The inverse of `_lifted`: lowers `place` by as much as `star` is lifted."""
     sin_el, cos_el = _height(place, zenith)
     angle = tf * _height(star, zenith)[1]
     along = np.sin(angle) / np.maximum(cos_el, 1e-150)
@@ -121,7 +121,7 @@ def _unit(trig):
 
 
 def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
-    """Encoder angles at which the mount looks at a direction.
+    """Encoder angles at which the mount points at a direction.
 
     Parameters
     ----------
@@ -134,9 +134,9 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
     Returns
     -------
     az_enc, el_enc : ndarray
-        Radians; the azimuth on the branch nearest to `az`. NaN where the mount cannot look:
-        nearer to its pole than collimation and non-perpendicularity allow. The solution is that
-        on the side of the place.
+        Radians; the azimuth is on the branch nearest to `az`. NaN where the mount cannot point:
+        closer to its pole than collimation and non-perpendicularity allow. The solution is on
+        the same side as the place.
 
     Raises
     ------
@@ -148,13 +148,13 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
     ia, ie, *turning, tf = known
     if any(turning) or (tf and not mount.vertical):
         d_az, d_el, _ = _to_axes(trig, known)
-    else:  # a perfect mount looks at its pole too
+    else:  # a perfect mount can point at its pole
         d_az, d_el = ia, ie + tf * trig.cos_el
     return az + wrap(d_az), el + (d_el if trig.side is None else trig.side * wrap(d_el))
 
 
 def _to_axes(trig, known):
-    """What the coefficients add to the angles of a direction.
+    """Offsets that the coefficients add to the axis angles of a direction.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def _to_axes(trig, known):
     Returns
     -------
     d_az, d_el : ndarray
-        Radians; NaN where the mount cannot look.
+        Radians; NaN where the mount cannot point.
     way : _AxisSolution
     """
     ia, ie, ca, npae, an, aw, tf = known
@@ -193,7 +193,7 @@ def _to_axes(trig, known):
 
 
 def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
-    """Direction at which the mount looks with given encoder angles: the inverse.
+    """Direction in which the mount points at given encoder angles: the inverse.
 
     Parameters
     ----------
@@ -202,16 +202,16 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
     coefficients : dict of str to float
         Any of the mount's geometric terms, radians; a missing one is zero.
     added : callable, optional
-        ``added(az, el) -> (d_az, d_el)``: what else was added to the encoder angles, as a
-        function of the catalogue place, radians.
+        ``added(az, el) -> (d_az, d_el)``: further offsets of the encoder angles, as a function
+        of the catalogue place, radians.
     mount : Mount, optional
 
     Returns
     -------
     az, el : ndarray
-        Catalogue place, radians, inverse of `sky_to_encoder` below 1e-6 arcsec; the azimuth on
-        the branch nearest to the encoder's. Of an alt-azimuth mount the elevation is folded back
-        to below 90 degrees; of another a place through the pole stays one. NaN where the
+        Catalogue place, radians, inverse of `sky_to_encoder` to 1e-6 arcsec; the azimuth is on
+        the branch nearest to the encoder's. For an alt-azimuth mount the elevation is folded
+        back below 90 degrees; for others a place through the pole remains so. NaN where the
         iteration for flexure and `added` does not converge (within their size from the pole).
 
     Raises
@@ -293,25 +293,25 @@ def offsets(az, el, coefficients, mount=ALTAZ):
 
 
 def linearised(trig, known, names):
-    """Exact offsets and their derivatives to the coefficients: one step of a Gauss-Newton fit.
+    """Exact offsets and their derivatives with respect to the coefficients, for Gauss-Newton steps.
 
     Parameters
     ----------
     trig : Trig
         Of the catalogue places.
     known : sequence of float
-        Where to linearise: coefficients in the order of `CANONICAL`, radians.
+        Point of linearisation: coefficients in the order of `CANONICAL`, radians.
     names : sequence of str
-        Of `CANONICAL`: derivatives to these.
+        Names from `CANONICAL` to differentiate by.
 
     Returns
     -------
     x, y : ndarray, shape (n,)
-        delta-A cos E and delta-E, radians, before the side of the place.
+        delta-A cos E and delta-E, radians, without the sign of the side.
     jacobian : dict of str to (ndarray or float, ndarray or float)
         On-sky columns (x, y) of each of `names`. Those of AN and AW neglect the square of the
-        tilt against one (4e-7 at 300"); that of TF of another mount than an alt-azimuth one is
-        of first order.
+        tilt relative to one (4e-7 at 300"). That of TF is of first order, except for an
+        alt-azimuth mount.
     """
     d_az, d_el, way = _to_axes(trig, known)
     return wrap(d_az) * trig.cos_el, d_el, {
@@ -319,7 +319,7 @@ def linearised(trig, known, names):
 
 
 def _derivative(name, trig, known, way):
-    """On-sky column (x, y) of one of `CANONICAL` where `_to_axes` has been."""
+    """On-sky column (x, y) of one coefficient of `CANONICAL`, at the solution of `_to_axes`."""
     mount, cos_el = trig.mount, trig.cos_el
     if name == 'IA':
         return cos_el, 0.0

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The spherical harmonics of paper 000 (eq. 6-8): 13 coefficients an axis.
+"""The spherical harmonics of paper 000 (eq. 6-8): 13 coefficients per axis.
 
-With theta the functions are cos^k(theta), k = 0..4, and cos(A) sin(theta) cos^k(theta) and
+The functions of theta are cos^k(theta), k = 0..4, and cos(A) sin(theta) cos^k(theta) and
 sin(A) sin(theta) cos^k(theta), k = 0..3, in the paper's order. They are spherical harmonics
-(degree <= 4, order <= 1) only where theta is the zenith distance; the paper prints E. Both
-interpretations are here:
+(degree <= 4, order <= 1) only if theta is the zenith distance; the paper prints E. Both
+interpretations are available:
 
 - ``'zenith'``: theta = z, and the azimuth series gives f_A = delta-A sin z = delta-A cos E,
   which is the offset on the sky;
@@ -34,7 +34,7 @@ from msg_tools.units import ARCSEC
 
 INTERPRETATIONS = ('zenith', 'printed')
 
-#: Coefficients an axis. (Eq. 8 has 13 columns; the vectors printed there run to 14 entries.)
+#: Coefficients per axis. (Eq. 8 has 13 columns; the vectors printed there have 14 entries.)
 COUNT = 13
 #: degree of the paper's series
 DEGREE = 4
@@ -48,19 +48,19 @@ def _check(interpretation):
 
 
 def count_of(degree):
-    """Coefficients an axis of the series that ends with `degree`; ValueError outside 1 to 4."""
+    """Coefficients per axis of the series up to `degree`; ValueError outside 1 to 4."""
     if degree not in range(1, DEGREE + 1):
         raise ValueError(f'harmonics of degree {degree!r}; take 1 to {DEGREE}')
     return 3 * degree + 1
 
 
 def names_of(degree=DEGREE):
-    """The paper's names of the coefficients of both axes: A0, A1, ... then B0, B1, ..."""
+    """The paper's names of the coefficients of both axes: A0, A1, ..., then B0, B1, ..."""
     return tuple(f'{series}{i}' for series in 'AB' for i in range(count_of(degree)))
 
 
 def _places(degree):
-    """Where the coefficients of `degree` are among all 26."""
+    """Indices of the coefficients up to `degree` among all 26."""
     count = count_of(degree)
     return np.concatenate((np.arange(count), COUNT + np.arange(count)))
 
@@ -114,7 +114,7 @@ def sky_factor(el, interpretation='zenith'):
 
 
 def columns_of(degree, az, el, interpretation='zenith'):
-    """What each coefficient does on the sky.
+    """On-sky offset of each coefficient.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def columns_of(degree, az, el, interpretation='zenith'):
 
     Returns
     -------
-    ndarray, shape (k, 2, n)
+    In the order of `names_of`: x and y for unit coefficients.
         In the order of `names_of`: x and y of unit coefficients.
     """
     count = count_of(degree)
@@ -146,7 +146,7 @@ class Harmonics:
     coef_x, coef_y : ndarray, shape (13,)
         A_0..A_12 of eq. 6 and B_0..B_12 of eq. 7, radians.
     covariance : ndarray, shape (26, 26)
-        Of A_0..A_12, B_0..B_12, radians^2.
+        Covariance of A_0..A_12, B_0..B_12, radians^2.
 
     Raises
     ------
@@ -166,12 +166,12 @@ class Harmonics:
             value = np.asarray(getattr(self, name), float)
             if value.shape != shape:
                 raise ValueError(f'harmonics need {name} of shape {shape}, not {value.shape}')
-            # as the document's decimal numbers give it back
+            # rounded as the document's decimal numbers are read back
             object.__setattr__(self, name, value / unit * unit)
 
     @classmethod
     def from_degree(cls, degree, interpretation, p, covariance):
-        """The series that ends with `degree`; what is beyond it is zero.
+        """The series up to `degree`; all higher coefficients are zero.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ class Harmonics:
             1 to 4.
         interpretation : {'zenith', 'printed'}
         p : ndarray, shape (k,)
-            In the order of `names_of`, radians.
+            Coefficients in the order of `names_of`, radians.
         covariance : ndarray, shape (k, k)
             radians^2.
 
@@ -195,7 +195,7 @@ class Harmonics:
 
     @property
     def degree(self):
-        """Where the series ends: beyond it all coefficients and their variances are zero."""
+        """Highest degree with a coefficient or variance other than zero, at least 1."""
         there = (self.coef_x != 0.0) | (self.coef_y != 0.0) | (
             np.diag(self.covariance).reshape(2, COUNT) != 0.0).any(axis=0)
         last = int(np.max(np.flatnonzero(there), initial=0))
@@ -203,7 +203,7 @@ class Harmonics:
 
     @property
     def coefficients(self):
-        """A0, ..., B0, ... up to the degree, and their standard errors: dict of (value, sigma)."""
+        """A0, ..., B0, ... up to the degree, with standard errors: dict of (value, sigma)."""
         at = _places(self.degree)
         values = np.concatenate((self.coef_x, self.coef_y))[at]
         sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))[at]
@@ -221,7 +221,7 @@ class Harmonics:
         return columns_of(self.degree, az, el, self.interpretation)
 
     def moved(self, change, covariance):
-        """With `change`, shape (k,), rad, added to `coefficients`, and another covariance."""
+        """The series with `change`, shape (k,), rad, added, and with another covariance."""
         at = _places(self.degree)
         p = np.concatenate((self.coef_x, self.coef_y))[at] + change
         return Harmonics.from_degree(self.degree, self.interpretation, p, covariance)

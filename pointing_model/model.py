@@ -28,53 +28,53 @@ from .mounts import ALTAZ, Mount, is_beyond
 from .pointing_terms import Trig, design, known_terms
 from .zero import NO_ZERO
 
-#: of a change of terms that the stars do not see, its largest 1: what of it moves a prediction that
-#: is said to rest on it (0.1" of terms of 100")
+#: smallest effect of an undetermined direction (scaled to a largest term of 1) that counts: a
+#: prediction that it changes by more is open (0.1" for terms of 100")
 OPEN = 1e-3
 
 
 def _as_written(value, unit):
-    # the value that the document's decimal number gives back, so that a round trip changes no bit
+    # the value that the document's decimal number gives back, so a round trip is exact to the bit
     return np.asarray(value, float) / unit * unit
 
 
 @dataclass(frozen=True)
 class PointingModel:
-    """Offsets of a mount: physical terms, harmonics on top, and effects of other drivers.
+    """Pointing offsets of a mount: physical terms, harmonics, and effects of other drivers.
 
-    An effect whose driver (time, temperature, approach, ...) is not given in the `context` of a
-    call, or is NaN there, counts as zero: its driver is centred on the run that it was fitted
-    to. Effects of the direction alone always act. `unknown` gives which rows lack a driver.
+    An effect counts as zero where its driver (time, temperature, approach, ...) is missing from the
+    `context` of a call or NaN there: drivers are centred on the run of the fit. Effects of the
+    direction alone always act. `unknown` reports which rows lack a driver.
 
     Parameters
     ----------
     terms : dict of str to float
-        Coefficients in radians by the names of `pointing_terms.terms_of` the mount, in the order of
-        `covariance`.
+        Coefficients in radians, by the names of `pointing_terms.terms_of` the mount, in the order
+        of `covariance`.
     covariance : ndarray, shape (k, k), optional
-        Of the terms, radians^2; zero if omitted.
+        Covariance of the terms, radians^2; zero if omitted.
     harmonics : Harmonics, optional
-        Series of what the terms leave.
+        Series fitted to the residuals of the terms.
     provenance : dict, optional
-        Where the model came from; anything that JSON can hold.
+        Origin of the model; anything that JSON can hold.
     geometry : {'rotation', 'first_order'}
         Whether the geometric terms (IA IE CA NPAE AN AW TF, or what the mount has for them) act
         as exact rotations or as their first-order columns. All others, the harmonics and the
         effects add their columns at the catalogue place.
     effects : sequence of FittedEffect, optional
     undetermined : sequence of str, optional
-        Terms that the stars did not determine: those that are not zero carry what is known of all
-        of them together. They have no standard error of their own.
+        Terms that the stars do not determine. Those with a value other than zero stand for the
+        whole degenerate group. They have no standard error.
     directions : sequence of dict of str to float, optional
-        In which nothing of the terms and harmonics is known: changes that the stars do not see.
+        Degenerate directions of terms and harmonics: changes that the stars cannot see.
     sides : tuple of int, optional
-        Rows of the fit on this side and on the other side of the pier, of a German mount.
+        German mounts: number of fitted rows on this side of the pier, and on the other.
     joint : ndarray, shape (k + e, k + e), optional
-        Covariance of the terms and all coefficients of the effects together, radians^2, where it is
-        known: else the effects count as independent.
+        Joint covariance of the terms and all effect coefficients, radians^2. Without it the
+        effects count as independent.
     mount : Mount, optional
-        Whose axes these are. All angles of the methods are of them: `Mount.axes_of` gives them
-        for a place of the horizon, on either side of the pier.
+        Its axes define all angles of the methods. `Mount.axes_of` converts a place on the horizon
+        to them, for either side of the pier.
 
     Raises
     ------
@@ -97,7 +97,7 @@ class PointingModel:
     def __post_init__(self):
         known_terms(self.terms, self.mount)
         object.__setattr__(self, 'effects', tuple(self.effects))
-        # of a model with some of the terms of another: what is reported of those
+        # a model may have only some of the terms of another: keep what concerns them
         object.__setattr__(self, 'undetermined', tuple(
             name for name in self.undetermined if name in self.terms))
         own = {*self.terms, *(names_of() if self.harmonics is not None else ())}
@@ -122,18 +122,18 @@ class PointingModel:
         if self.joint is not None:
             size = k + sum(len(e.coefficients) for e in self.effects)
             joint = np.asarray(self.joint, float)
-            # in full: columns that are nearly alike have numbers whose differences alone count
+            # full precision: for nearly collinear columns small differences between entries matter
             joint = _as_written(0.5 * (joint + joint.T), ARCSEC**2)
             if not all_finite(joint):
                 raise ValueError('pointing model with a joint covariance that is not finite; '
                                  'fit it again')
-            # a model with some of the effects of another has none, see `with_effects`
+            # a model with only some effects of another has no joint covariance, see `with_effects`
             object.__setattr__(self, 'joint', joint if joint.shape == (size, size) else None)
         object.__setattr__(self, 'terms', dict(zip(self.terms, values.tolist())))
         object.__setattr__(self, 'covariance', covariance)
 
     def with_effects(self, keep):
-        """The same model with those of its effects for which `keep(fitted)` is true."""
+        """The same model, with only the effects for which `keep(fitted)` is true."""
         kept = [keep(e) for e in self.effects]
         joint = self.joint
         if joint is not None:
@@ -143,14 +143,14 @@ class PointingModel:
         return replace(self, effects=[e for e, own in zip(self.effects, kept) if own], joint=joint)
 
     def _split(self):
-        """Coefficients of the rotations, and those that add their columns."""
+        """Coefficients of the rotations, and coefficients that add first-order columns."""
         if self.geometry == 'first_order':
             return {}, self.terms
         turned = {n: v for n, v in self.terms.items() if n in self.mount.names.terms}
         return turned, {n: v for n, v in self.terms.items() if n not in turned}
 
     def _added(self, az, el, columns):
-        """What is added to the encoder angles beyond the rotations, on the sky."""
+        """On-sky offset added to the encoder angles beyond the rotations."""
         trig = Trig(az, el, self.mount)
         x, y = 0.0, 0.0
         for term in known_terms(columns, self.mount):
@@ -162,13 +162,13 @@ class PointingModel:
         return x, y
 
     def _from_effects(self, az, el, az_enc, el_enc, context):
-        """What the effects add, on the sky; the angles without them stand for the reading."""
+        """On-sky offset of the effects; unknown readings are predicted by the model itself."""
         shape = (2, *np.shape(az))
         az, el, az_enc, el_enc = (np.ravel(v) for v in (az, el, az_enc, el_enc))
         context = as_context(context, az, el, self.mount)
         if {'az_enc', 'el_enc', 'az_raw', 'el_raw'} & set(context.columns):
             return total(self.effects, context).reshape(shape)
-        # the mount will read what this very model says: each round divides the error by
+        # the reading depends on the correction itself: iterate; each round divides the error by
         # period / (2 pi amplitude)
         x, y = np.zeros((2, len(context)))
         for _ in range(12 if self.follows_reading else 1):
@@ -178,14 +178,14 @@ class PointingModel:
 
     @property
     def sigmas(self):
-        """Standard errors of the terms, radians, shape (k,); NaN of undetermined ones."""
+        """Standard errors of the terms, radians, shape (k,); NaN for undetermined terms."""
         out = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         out[[name in self.undetermined for name in self.terms]] = np.nan
         return out
 
     @property
     def held(self):
-        """Undetermined terms that are held at zero, tuple of str: others stand for them."""
+        """Undetermined terms that are fixed at zero, tuple of str: other terms absorb them."""
         return tuple(name for name in self.undetermined if self.terms[name] == 0.0)
 
     @property
@@ -200,7 +200,7 @@ class PointingModel:
         return any(e.effect.driver.startswith('reading') for e in self.effects)
 
     def unknown(self, az, el, context=None):
-        """Which effects cannot act for want of a driver.
+        """Effects that cannot act because a driver is missing.
 
         Parameters
         ----------
@@ -211,7 +211,7 @@ class PointingModel:
         Returns
         -------
         dict of str to ndarray of bool, shape (n,)
-            Name of the effect -> rows in which it counts as zero; only those with such rows.
+            Name of the effect -> rows in which it counts as zero. Only effects with such rows.
         """
         az, el = np.broadcast_arrays(np.atleast_1d(az), np.atleast_1d(el))
         context = as_context(context, az, el, self.mount)
@@ -230,14 +230,14 @@ class PointingModel:
         az, el : float or ndarray
             Catalogue place, radians.
         context : Context, dict of drivers or PointingRun, optional
-            For the effects: time, temperature, approach_az, ... by the names of `run.COLUMNS`.
-            The encoder's reading is taken from it, else predicted.
+            Drivers of the effects by the names of `run.COLUMNS`, such as temperature, approach_az.
+            If it has no encoder reading, the reading is predicted.
 
         Returns
         -------
         az_enc, el_enc : ndarray
-            Radians, azimuth on the branch nearest to `az`; NaN where the mount cannot look (see
-            `geometry.sky_to_encoder`).
+            Radians. The azimuth is on the branch nearest to `az`. NaN where the mount cannot point
+            (see `geometry.sky_to_encoder`).
         """
         az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
         turned, columns = self._split()
@@ -251,7 +251,7 @@ class PointingModel:
         return az_enc, el_enc
 
     def encoder_to_sky(self, az_enc, el_enc, context=None):
-        """Catalogue place at which the mount looks: the inverse of `sky_to_encoder`.
+        """Catalogue place at which the mount points: the inverse of `sky_to_encoder`.
 
         Parameters
         ----------
@@ -263,8 +263,8 @@ class PointingModel:
         Returns
         -------
         az, el : ndarray
-            Radians, inverse below 1e-6 arcsec; NaN where the iteration does not converge
-            (within the size of the offsets from the zenith).
+            Radians; inverse to 1e-6 arcsec. NaN where the iteration does not converge: closer to
+            the zenith than the size of the offsets.
         """
         az_enc, el_enc = np.broadcast_arrays(np.asarray(az_enc, float), np.asarray(el_enc, float))
         turned, columns = self._split()
@@ -303,9 +303,8 @@ class PointingModel:
     def sigma(self, az, el, context=None):
         """Standard error of the predicted offset, from the covariance of all coefficients.
 
-        It is what the fit's noise leaves in the prediction; effects that the model does not have
-        are not in it. Where `joint` is not known the coefficients of the effects count as
-        independent.
+        It covers the noise of the fit, but not effects missing from the model. Where `joint` is
+        not known, the coefficients of the effects count as independent.
 
         Parameters
         ----------
@@ -317,7 +316,7 @@ class PointingModel:
         Returns
         -------
         sx, sy : ndarray
-            On the sky, radians; NaN where nobody knows how far it is off, see `is_open`.
+            On the sky, radians; NaN where the error is unknown, see `is_open`.
         """
         shape = np.broadcast_shapes(np.shape(az), np.shape(el))
         az, el = (np.broadcast_to(v, shape).ravel() for v in (az, el))
@@ -343,10 +342,10 @@ class PointingModel:
                      for v in (x, y))
 
     def is_open(self, az, el):
-        """Where a prediction rests on what the stars of the fit did not determine.
+        """Whether a prediction depends on what the stars of the fit did not determine.
 
-        A term in a direction that they did not see moves it, or it is on the side of the pier that
-        none of them is on: whether errors turn with the mount there nobody has seen.
+        Either a degenerate direction changes it, or it is on a side of the pier without any star:
+        how errors change with the side is then unknown.
 
         Parameters
         ----------
@@ -373,15 +372,15 @@ class PointingModel:
         return out
 
     def residuals(self, run, encoder='enc', zero=NO_ZERO):
-        """What the model leaves of a run, on the sky.
+        """Residuals of a run from the model, on the sky.
 
         Parameters
         ----------
         run : PointingRun
         encoder : {'enc', 'abs'}
-            The pair of encoder columns.
+            Pair of encoder columns.
         zero : PowerOnZero or Zeros
-            To subtract from the encoder's angles.
+            Zero subtracted from the encoder angles.
 
         Returns
         -------
@@ -395,7 +394,7 @@ class PointingModel:
         x = wrap(run[f'az_{encoder}'] - zero_az - az_enc) * np.cos(el)
         return x, run[f'el_{encoder}'] - zero_el - el_enc
 
-    # files and messages, see `model_document`: it knows the models, and they only how to find it
+    # files and messages, see `model_document`: imported late, since it imports this module
 
     def to_json(self):
         """`model_document.to_json` of this model."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model on directions: columns of degrees in, columns of degrees out."""
+"""Applies a model to directions: columns of degrees in, columns of degrees out."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from .zero import NO_ZERO, carried_zeros
 
 #: name in a file -> (name in memory, its unit in SI)
 _DRIVERS = {csv_name: (name, unit) for name, (csv_name, unit, _) in COLUMNS.items()}
-#: zeros by name, in place of the number of a run
+#: names of zeros, as alternatives to a run number
 NEWEST, NO_ZEROS = 'newest', 'none'
 _ROUNDS, _SETTLED = 100, 1e-7 * ARCSEC
 _SAME_LATITUDE = 0.01  # deg
@@ -34,37 +34,37 @@ _SAME_LATITUDE = 0.01  # deg
 
 def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=None,
           longitude_deg=None, **drivers):
-    """Encoder angles at which the mount looks at directions, or back.
+    """Encoder angles at which the mount points at directions, or the inverse.
 
     Parameters
     ----------
     model : PointingModel, str or Path
-        A path: a model file of ours, or of a program that `model_files.read_model` reads.
+        A path is a model file of this program, or of another that `model_files.read_model` reads.
     az_deg, el_deg : float or array_like, shape (n,)
-        Observed place, degrees, azimuth from north through east; with `reverse` what the
-        encoders read. Of other mounts the angles of its axes, as hour angle and declination
+        Observed place, degrees, azimuth from north through east. With `reverse`: encoder
+        readings. For other mounts: angles of the axes, such as hour angle and declination
         (beyond 90 degrees through the pole).
     reverse : bool
     zero : {'newest', 'none'} or number
-        Of the zeros that the model carries from its night or from the runs of its file, if any:
-        the newest, that of the run of this number, or none. A driver ``run`` takes for each row
-        that of its run.
+        Which zero of those stored in the model to use: the newest, that of the run with this
+        number, or none. A driver ``run`` selects the zero of its run for each row.
     latitude_deg, longitude_deg : float, optional
-        Of the site, for effects that follow the sidereal time.
+        Of the site, for effects that depend on sidereal time.
     **drivers : float or array_like, shape (n,)
-        What effects of the model follow, by the names and units of a CSV: ``temperature_c=4.5``,
-        ``time`` (UTC, seconds since 1970), ``approach_az``, ... An effect whose driver is not
-        given counts as zero; `PointingModel.unknown` gives which.
+        Drivers of the model's effects, by the names and units of a CSV: ``temperature_c=4.5``,
+        ``time`` (UTC, seconds since 1970), ``approach_az``, ... An effect without its driver
+        counts as zero; `PointingModel.unknown` reports which.
 
     Returns
     -------
     az_deg, el_deg : ndarray, shape (n,)
-        Degrees, azimuth on the branch nearest to the one given; NaN where the mount cannot look.
+        Degrees. The azimuth is on the branch nearest to the given one. NaN where the mount
+        cannot point.
 
     Raises
     ------
     ValueError
-        No such zero, a file that holds no model, or drivers of another length.
+        No such zero, a file without a model, or drivers of another length.
     OSError
         The file cannot be read.
     """
@@ -86,7 +86,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
 
 def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=None, height_m=0.0,
                 pressure_hpa=None, temperature_c=None, of_date=False, beyond=None):
-    """Angles of the axes at which a perfect mount looks at places of the sky: without a model.
+    """Axis angles at which a perfect mount points at places of the sky, without a model.
 
     Parameters
     ----------
@@ -96,24 +96,24 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
     time : float or array_like, shape (n,)
         UTC, seconds since 1970.
     longitude_deg, latitude_deg, height_m : float
-        Of the site; the latitude of an equatorial mount is its own.
+        Of the site. An equatorial mount has its own latitude.
     pressure_hpa, temperature_c : float or array_like, optional
-        Of the air, for the refraction; pressure 0: none. By default a standard atmosphere at the
-        height, 10 C.
+        Of the air, for the refraction; pressure 0: no refraction. By default the standard
+        atmosphere at the height of the site, 10 C.
     of_date : bool
     beyond : bool or array_like of bool, optional
-        Whether a German mount looks through the pole; by default as its counterweight is down.
+        Whether a German mount points through the pole; by default with its counterweight down.
 
     Returns
     -------
     first, second, height : ndarray, shape (n,)
-        Degrees; azimuth from 0 to 360, other angles on the travel of the mount. The height is that
-        above the horizon.
+        Degrees: azimuth from 0 to 360, other angles within the travel of the mount; `height` is
+        the elevation above the horizon.
 
     Raises
     ------
     ValueError
-        No latitude, or another one than that of the mount; a site, time or air out of range.
+        No latitude, or not that of the mount; site, time or air out of range.
     """
     from pointing_model.sky.refraction import air_at
 
@@ -144,43 +144,43 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
 
 
 def turned(model, context, zero=(0.0, 0.0), reverse=False):
-    """Directions of a context to encoder angles, or back.
+    """Convert directions of a context to encoder angles, or back.
 
     Parameters
     ----------
     model : PointingModel
     context : Context
-        Of n rows; with `reverse` its directions are what the encoders read.
+        n rows; with `reverse` its directions are encoder readings.
     zero : pair of float or of ndarray, shape (n,)
-        What the encoders read too much, azimuth and elevation, radians.
+        Zero offset of the encoders, azimuth and elevation, radians.
     reverse : bool
 
     Returns
     -------
     az, el : ndarray, shape (n,)
-        Radians; NaN where the mount cannot look.
+        Radians; NaN where the mount cannot point.
     """
     az, el = context.az, context.el
     if not reverse:
         out = model.sky_to_encoder(az, el, context)
         if model.follows_reading and not {'az_enc', 'el_enc', 'az_raw', 'el_raw'} & set(
                 context.columns):
-            # the graduation is met at what will be read, with the zero in it; each round divides
-            # the error by period / (2 pi amplitude)
+            # graduation errors depend on the raw reading, zero included: iterate; each round
+            # divides the error by period / (2 pi amplitude)
             for _ in range(_ROUNDS):
                 last, out = out, model.sky_to_encoder(az, el, context.at(
                     az, el, az_raw=out[0] + zero[0], el_raw=out[1] + zero[1]))
                 if np.nanmax(np.abs(np.subtract(out, last)), initial=0.0) < _SETTLED:
                     break
         return out[0] + zero[0], out[1] + zero[1]
-    # a graduation is met at what was read, with the zero in it
+    # graduation errors depend on the raw reading, zero included
     context = context.at(az, el, **{'az_raw': az, 'el_raw': el, **{
         name: context.columns[name] for name in ('az_raw', 'el_raw') if name in context.columns}})
     return model.encoder_to_sky(az - zero[0], el - zero[1], context)
 
 
 def zeros_of_rows(model, wanted=NEWEST, run=None):
-    """The zeros to apply, of those that a model carries.
+    """The zeros to apply, selected from those stored in a model.
 
     Parameters
     ----------
@@ -188,14 +188,14 @@ def zeros_of_rows(model, wanted=NEWEST, run=None):
     wanted : {'newest', 'none'} or number
         See `apply`.
     run : ndarray, shape (n,), optional
-        Number of the run of each row; goes before 'newest'.
+        Run number of each row; takes precedence over 'newest'.
 
     Returns
     -------
     zero : pair of float or of ndarray, shape (n,)
         Azimuth and elevation, radians.
     applied : list of PowerOnZero
-        Which these are.
+        The zeros used.
 
     Raises
     ------

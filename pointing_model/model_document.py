@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The file of a pointing model: a versioned JSON (or YAML) document, and back to the last bit."""
+"""The file of a pointing model: a versioned JSON (or YAML) document, exact to the last bit."""
 
 import hashlib
 import json
@@ -31,12 +31,12 @@ from .zero_drift import KEY as FOLLOWS
 
 FORMAT = 'telescope_mount/pointing_model'
 VERSION = 2
-_PLAIN_VERSION = 1  # without effects: as ever, so that older programs read it
-_MOUNT_VERSION = 3  # of other mounts than alt-azimuth ones: programs that know none refuse it
-_SKY_VERSION = 4  # of errors that act on the sky: who takes them for the mount's must refuse it
-#: `identity` where nothing is corrected
+_PLAIN_VERSION = 1  # without effects: unchanged, so older programs read it
+_MOUNT_VERSION = 3  # other mounts than alt-azimuth ones: programs without them refuse it
+_SKY_VERSION = 4  # errors that act on the sky: programs that would apply them to the axes refuse it
+#: `identity` of no model: nothing is corrected
 NO_MODEL = 'none'
-_INTERPRETATION = 'reading'  # the key that `Harmonics.interpretation` has had in files ever since
+_INTERPRETATION = 'reading'  # historical key of `Harmonics.interpretation` in files
 _NAMED = 'coefficients'  # A0 .. B12
 _JOINT = 'joint_covariance_arcsec2'
 
@@ -57,7 +57,7 @@ _CONVENTION_ON_SKY = (
 
 
 def _coefficient(name, value, sigma, undetermined):
-    """Entry of a term or of a coefficient of the harmonics, of angles in radians."""
+    """Document entry of a term or harmonic coefficient; value and sigma in radians."""
     row = {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': sigma / ARCSEC}
     return {**row, 'sigma_arcsec': None, 'undetermined': True} if name in undetermined else row
 
@@ -72,7 +72,7 @@ def to_json(model):
     Returns
     -------
     str
-        Angles in arcsec. `from_json` gives the same model back, to the last bit.
+        Angles in arcsec. `from_json` restores the same model, exact to the last bit.
     """
     h = model.harmonics
     document = {
@@ -103,14 +103,14 @@ def to_json(model):
     if model.effects:
         document['effects'] = [e.document() for e in model.effects]
     if model.joint is not None:
-        # its rows up to the diagonal: terms, then the effects' coefficients
+        # lower triangle: rows of the terms, then of the effects' coefficients
         document[_JOINT] = [row[:i + 1].tolist()
                             for i, row in enumerate(model.joint / ARCSEC**2)]
     return json.dumps(document, indent=1)
 
 
 def _mount_document(mount):
-    """What the document has of another mount than an alt-azimuth one."""
+    """Entries of the document that only mounts other than alt-azimuth ones need."""
     if mount.vertical:
         return {}
     convention = _CONVENTION_OF_AXES.format(', '.join(mount.names.axes))
@@ -134,7 +134,7 @@ def from_json(text):
     Raises
     ------
     ValueError
-        It is no JSON, no pointing model, of a later version, or inconsistent.
+        Not JSON, not a pointing model, of a later version, or inconsistent.
     """
     try:
         document = json.loads(text)
@@ -144,19 +144,18 @@ def from_json(text):
 
 
 def identity(text):
-    """A short name of a model, by which a zero says what it goes with.
+    """Short name of a model; a zero uses it to name the model that it belongs to.
 
     Parameters
     ----------
     text : str
-        Of `to_json`; '' for no model.
+        Document of `to_json`; '' for no model.
 
     Returns
     -------
     str
-        Twelve hexadecimal digits, the same for two documents that differ in their provenance
-        alone, but for how the zero follows the absolute encoder; ``none`` where there is no term,
-        harmonic or effect.
+        Twelve hexadecimal digits; ``none`` without any term, harmonic or effect. Provenance does
+        not change it, except for how the zero tracks the absolute encoder.
     """
     document = json.loads(text) if text else {}
     acting = {key: document.get(key) for key in ('geometry', 'terms', 'harmonics', 'effects')}
@@ -223,7 +222,7 @@ def from_document(document):
 
 
 def _symmetric(rows):
-    """A covariance, radians^2, of its rows up to the diagonal, arcsec^2; None: none."""
+    """Covariance, radians^2, from the rows of its lower triangle, arcsec^2; None gives None."""
     if rows is None:
         return None
     out = np.zeros((len(rows), len(rows)))
@@ -233,7 +232,7 @@ def _symmetric(rows):
 
 
 def _check_named(rows, harmonics):
-    """ValueError where the named coefficients are not those of the two series."""
+    """ValueError if the named coefficients disagree with the two series."""
     values = harmonics.coefficients
     for row in rows:
         if float(row['value_arcsec']) * ARCSEC != values.get(row['name'], (None,))[0]:
@@ -271,7 +270,7 @@ def load(path, mount=None):
     ----------
     path : str or Path
     mount : Mount, optional
-        Of which it must be.
+        The mount that the model must have.
 
     Returns
     -------
@@ -280,7 +279,7 @@ def load(path, mount=None):
     Raises
     ------
     ValueError
-        Another suffix, not a pointing model, or one of another mount; the message names the file.
+        Another suffix, not a pointing model, or another mount; the message names the file.
     OSError
         The file cannot be read.
     """
@@ -318,7 +317,7 @@ KEY = 'tracked'
 
 
 def walks_of(model):
-    """How far each term of a tracked model drifts, rad in the root of an hour.
+    """Random-walk rate of each term of a tracked model, rad per root hour.
 
     Parameters
     ----------

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kinds of mounts: what their axes and terms are called, how they stand, travel and carry.
+"""Kinds of mounts: names of axes and terms, orientation, travel and what they carry.
 
-A kind more is an entry more of `KINDS`; everybody else asks a mount, or its kind, for what it has,
-and not for its name.
+A new kind is a new entry of `KINDS`. Other code asks a mount, or its kind, for its properties,
+never for its name.
 """
 
 import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-#: the terms of the rotations, by the names that an alt-azimuth mount has for them
+#: terms of the rotations, by their names on an alt-azimuth mount
 CANONICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
 _AXES = ('azimuth', 'elevation')
 _WORDS = re.compile(r'\b(?:azimuth|elevation)\b')
@@ -37,45 +37,45 @@ class MountKind:
     words : str
         For people: "an alt-azimuth mount".
     axes : tuple of str
-        Their angles, for people.
+        Names of their angles, for people.
     shafts : tuple of str
-        The axes themselves, for people.
+        Names of the axes themselves, for people.
     letters : tuple of str
-        Of the angles in formulas.
+        Symbols of the angles in formulas.
     tpoint : tuple of str
-        In names of TPOINT's generic terms: of both angles, of what is left and right as a third
-        term of the geometry is (non-perpendicularity), and of left and right on the sky. Empty
-        where TPOINT has no such mount.
+        Letters in names of TPOINT's generic terms: for both angles, for left-right as the
+        third term of the geometry (non-perpendicularity), and for left-right on the sky. Empty
+        if TPOINT has no such mount.
     columns : tuple of str
-        In the names of columns in files: ``az_enc_deg``, ``ha_enc_deg``.
+        Prefixes of columns in files: ``az_enc_deg``, ``ha_enc_deg``.
     terms : dict of str to (str, int)
-        Name of each geometric term -> that of the same rotation of an alt-azimuth mount, and its
-        sign there: MA leans the pole to the x of the frame (west), AW away from it.
+        Name of each geometric term -> name of the same rotation on an alt-azimuth mount, and
+        the relative sign: MA tilts the pole to the x of the frame (west), AW away from it.
     sides : tuple of tuple of str
-        Words for a falling and a rising angle, of each axis.
+        Words for decreasing and increasing angle, for each axis.
     pole : str or tuple of float
-        Where the first axis points: ``'zenith'``; ``'celestial'``, which takes the latitude;
-        ``'given'``, with the mount; or azimuth, elevation and roll of such mounts, radians, of
-        which the azimuth may be given with the mount.
+        Direction of the first axis: ``'zenith'``; ``'celestial'``, which needs the latitude;
+        ``'given'`` with the mount; or azimuth, elevation and roll, radians, where the azimuth
+        may still be given with the mount.
     travel_deg : tuple of tuple of float
-        Of both axes, where nothing else is given, in the north.
+        Default travel of both axes, in the north.
     park_deg : str
-        Where mounts of servers are parked: near the pole, and not at it, where places say nothing
-        of the first axis.
+        Park position of mounts with a server: near the pole, but not at it, where a place does
+        not determine the first axis.
     two_sided : bool
-        Whether it goes through the pole to change its side: a German mount does, whose
-        counterweight stays down.
+        Whether it goes through the pole to change sides, as a German mount does to keep its
+        counterweight down.
     geared : bool
-        Whether most have no encoder on an axis: it is counted at the motor, and the wheel that the
-        worm turns takes the place of the disc.
+        Whether most have no encoder on the axis: the motor is counted, and the worm wheel takes
+        the place of the encoder disc.
     ring : bool
-        Whether the first axis may be a large ring, which its own weight makes oval.
+        Whether the first axis may be a large ring, which its own weight deforms to an oval.
     carrier, carriers : str
-        What the first axis carries, in short, and which kinds of it there are.
+        What the first axis carries, in short, and the kinds of it.
     usual : tuple of tuple of str
-        Groups of terms that many have: what a misfit may be in place of mistaken columns.
+        Groups of common terms: alternatives to mistaken columns as explanation of a misfit.
     aliases : tuple of str
-        Other words for it.
+        Other names.
     """
 
     words: str
@@ -109,48 +109,48 @@ class MountKind:
 
     @cached_property
     def keys(self):
-        """Of the axes, in names of effects and drivers."""
+        """Names of the axes in effects and drivers."""
         return tuple(axis.replace(' ', '_') for axis in self.axes)
 
     @property
     def physical(self):
-        """The geometry and Hooke's law flexure."""
+        """The terms of the geometry, and Hooke's law flexure."""
         return tuple(self.terms)
 
     @property
     def standard6(self):
-        """The usual six, of telescopes with well squared axes."""
+        """The usual six, for telescopes with well squared axes."""
         return tuple(name for name, (own, _) in self.terms.items() if own != 'NPAE')
 
     @property
     def index(self):
-        """The zeros of both axes."""
+        """The zero terms of both axes."""
         return self.physical[:2]
 
     def named(self, canonical):
-        """Name here of a term of `CANONICAL`."""
+        """Name on this mount of a term of `CANONICAL`."""
         return next(name for name, (own, _) in self.terms.items() if own == canonical)
 
     def translate(self, text):
-        """A sentence about azimuth and elevation, of the axes of this mount."""
+        """Replace azimuth and elevation in a sentence by the axes of this mount."""
         if self.axes == _AXES:
             return text
         return _WORDS.sub(lambda found: self.axes[_AXES.index(found[0])], text)
 
     def word(self, axis):
-        """For people, of ``az`` (the first axis) or ``el`` (the second)."""
+        """Name for people of the angle ``az`` (first axis) or ``el`` (second)."""
         return self.axes[axis != 'az']
 
     def shaft(self, axis):
-        """As `word`, of the axis itself."""
+        """The same as `word`, for the axis itself."""
         return self.shafts[axis != 'az']
 
     def key(self, axis):
-        """As `word`, in names."""
+        """The same as `word`, for names in code."""
         return self.keys[axis != 'az']
 
     def letter(self, axis):
-        """As `word`, in formulas."""
+        """The same as `word`, for formulas."""
         return self.letters[axis != 'az']
 
 
@@ -168,9 +168,9 @@ _HADEC = MountKind(
         ('HZCZ',), ('TX',), ('HDCD2', 'HDSD2'), ('HCEC', 'HCES'), ('HHCH2', 'HHSH2'),
         ('HDCH', 'HDSH'), ('HDCH2', 'HDSH2'), ('HPCH2', 'HPSH2'), ('DAF',)),
     aliases=('fork', 'horseshoe'))
-#: which is not written down
+#: default kind, not written to files
 USUAL = 'altaz'
-#: in the order in which messages number them: one more stands last
+#: messages number them in this order: append new ones at the end
 KINDS = {
     USUAL: MountKind(
         'an alt-azimuth mount', _AXES, ('azimuth axis', 'elevation axis'), ('A', 'E'),
@@ -181,7 +181,7 @@ KINDS = {
             ('HECA', 'HESA'), ('HECA2', 'HESA2'), ('HVCA2', 'HVSA2')),
         aliases=('alt-az',)),
     'equatorial': _HADEC,
-    # an equatorial one that goes through the pole to change its side; the geometry is the same
+    # an equatorial mount that goes through the pole to change sides; the geometry is the same
     'german': replace(_HADEC, words='a German mount', travel_deg=((-10.0, 190.0), (-90.0, 270.0)),
                       park_deg='90,80', two_sided=True, ring=False, carrier='saddle',
                       carriers='saddle', aliases=('gem',)),
@@ -190,8 +190,8 @@ KINDS = {
         ('a', 'b'), (), ('axis1', 'axis2'), _terms('I1', 'I2', 'C1', 'N12', 'T1', 'T2', 'TF'),
         (('falling', 'rising'), ('falling', 'rising')), 'given',
         ((-180.0, 180.0), (-90.0, 270.0)), usual=(('TX',), ('HZCZ',))),
-    # alt-alt, of stations that follow satellites: its X axis lies level to the north, or as given,
-    # and carries the Y axis; at the zenith both are zero, no axis is fast there but at the horizon
+    # alt-alt, for satellite stations: its X axis is level and points north, or as given, and
+    # carries the Y axis; at the zenith both are zero; its fast places are at the horizon
     'xy': MountKind(
         'an X/Y (alt-alt) mount', ('x angle', 'y angle'), ('X axis', 'Y axis'), ('X', 'Y'), (),
         ('x', 'y'), _terms('IX', 'IY', 'CXY', 'NXY', 'XE', 'XA', 'TF'),
@@ -201,11 +201,11 @@ KINDS = {
 
 
 def kind_of(document):
-    """The `MountKind` that a document of results says; by default an alt-azimuth one."""
+    """The `MountKind` named in a document of results; an alt-azimuth one by default."""
     return KINDS[document.get('mount') or USUAL]
 
 
 def kinds_text():
-    """How kinds are written, for people: altaz, equatorial, ..."""
+    """How to write the kinds, for people: altaz, equatorial, ..."""
     return ', '.join(name + (':AZ,EL[,ROLL]' if kind.pole == 'given' else '[:AZ]' if isinstance(
         kind.pole, tuple) else '') for name, kind in KINDS.items())

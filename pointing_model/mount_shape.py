@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How a mount looks: its parts, as a URDF and as places in the horizon frame.
+"""Shape of a mount: its parts, as a URDF and as positions in the horizon frame.
 
-Frames are those of REP 103: x forward along the tube, y left, z up; `mount_enu` has x east, y
-north, z up, and its origin where the axes meet. Sizes are of no mount in particular: the tube
-reaches to 0.45 m, so that the unit sphere with the stars of `observation` is the sky around it.
+Frames follow REP 103: x forward along the tube, y left, z up. `mount_enu` has x east, y north,
+z up, and its origin where the axes meet. The sizes are generic: the tube reaches to 0.45 m, so
+the unit sphere with the stars of `observation` is the sky around it.
 """
 
 import warnings
@@ -26,7 +26,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-#: links: what stands, what the first axis turns, what the second turns
+#: links: the fixed part, the part on the first axis, the part on the second
 PIER, TURNS, TUBE = 'pier', 'first_axis', 'tube'
 #: root of the tree, the frame of observations
 ROOT = 'mount_enu'
@@ -45,9 +45,9 @@ class MountPart:
     ----------
     link : str
     size : tuple of float
-        Two numbers of a cylinder, three of a box.
+        Two numbers for a cylinder, three for a box.
     xyz, rpy : tuple of float
-        Of its middle in the frame of the link: metres, radians about the fixed x, y, z.
+        Pose of its centre in the frame of the link: metres, radians about the fixed x, y, z.
     colour : tuple of float
         Red, green, blue, 0 to 1.
     """
@@ -60,12 +60,12 @@ class MountPart:
 
 
 def parts_of(mount):
-    """The parts of a `mounts.Mount`, a list of Part.
+    """Parts of a `mounts.Mount`, a list of MountPart.
 
     The pier is upright, in `ROOT`; the others are in the frames of their axes at rest.
     """
     pier = MountPart(PIER, (0.08, 0.5), (0.0, 0.0, -0.6), colour=DARK)
-    if mount.two_sided:  # the tube on the left of one who looks to the meridian
+    if mount.two_sided:  # the tube is on the left when facing the meridian
         tube = 0.22
         return [
             pier, MountPart(PIER, (0.06, 0.35), (0.0, 0.0, -0.2), colour=DARK),
@@ -90,20 +90,20 @@ def base_of(mount):
     Returns
     -------
     ndarray, shape (3, 3)
-        Its axes as columns, east, north, up.
+        Columns are its axes in east, north, up.
     """
     right, forward, pole = np.array(mount.frame)
     return np.column_stack((forward, -right, pole))
 
 
 def frames_of(mount, angles):
-    """Rotations of the links, east, north, up, by name.
+    """Rotation matrices of the links to east, north, up, by name.
 
     Parameters
     ----------
     mount : Mount
     angles : (float, float)
-        Of both axes, rad.
+        Angles of both axes, rad.
 
     Returns
     -------
@@ -115,23 +115,23 @@ def frames_of(mount, angles):
 
 
 def placed(part, frames):
-    """Where a part is: position (3,) in metres and quaternion (x, y, z, w), in `ROOT`."""
+    """Pose of a part in `ROOT`: position (3,) in metres and quaternion (x, y, z, w)."""
     frame = Rotation.from_matrix(frames[part.link])
-    turned = frame * Rotation.from_euler('xyz', part.rpy)  # as URDF: about the fixed x, y, z
+    turned = frame * Rotation.from_euler('xyz', part.rpy)  # URDF: about the fixed x, y, z
     return frame.apply(part.xyz), turned.as_quat(canonical=True)
 
 
 def urdf(mount, name='mount'):
-    """The mount as a URDF, str; joints have the names of `joint_states`.
+    """The mount as a URDF, str; joints are named as in `joint_states`.
 
-    Links are `mount_enu`, `pier`, `axes`, `first_axis`, `tube`, `boresight`, which looks along its
-    x, and `boresight_optical`, which looks along its z with x to the right and y down.
+    Links are `mount_enu`, `pier`, `axes`, `first_axis`, `tube`, `boresight` (its x is the line of
+    sight) and `boresight_optical` (its z is the line of sight, x to the right, y down).
 
     Parameters
     ----------
     mount : Mount
     name : str
-        Of the robot.
+        Name of the robot.
     """
     robot = ElementTree.Element('robot', name=name)
     for link in (ROOT, PIER, 'axes', TURNS, TUBE, 'boresight', OPTICAL):
@@ -179,7 +179,7 @@ def _joint(robot, name, parent, child, kind='fixed', rpy=(0.0, 0.0, 0.0)):
 
 def _roll_pitch_yaw(matrix):
     with warnings.catch_warnings():
-        warnings.simplefilter('ignore')  # a pitch of a right angle, where yaw takes the roll
+        warnings.simplefilter('ignore')  # at a pitch of 90 deg roll and yaw are degenerate
         return Rotation.from_matrix(matrix).as_euler('xyz')
 
 

@@ -12,23 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Mounts: how two axes stand to the horizon; what they are called: `mount_kinds`.
+"""Mounts: orientation of the two axes relative to the horizon. Names are in `mount_kinds`.
 
-The axis frame is a rotation of the local horizon (east, north, up). Its z is the pole of the first
-axis, and angles of the first axis grow clockwise as seen from there, from y over x: azimuth from
-north through east, and hour angle from the meridian through west. The second angle goes from the
-equator of the frame to its pole. So every mount is the same mount in another frame::
+The axis frame is a rotation of the local horizon (east, north, up). Its z is the pole of the
+first axis. The first angle grows clockwise as seen from there, from y over x: azimuth from north
+through east, and hour angle from the meridian through west. The second angle goes from the equator
+of the frame to its pole. So all mounts are the same mount in different frames::
 
     direction = (cos e sin a, cos e cos a, sin e) in the axis frame
 
 A direction is reached in two ways, (a, e) and, through the pole, (a + 180 deg, 180 deg - e): the
-two sides of the pier, or of an alt-azimuth mount on this side of the zenith and beyond. Catalogue
-places of a run are the axis angles of a perfect mount *on the side that it was on*, so second
-angles beyond 90 degrees are ordinary. What an axis does then has one formula on both sides, and
-what changes its sign on the sky follows from the geometry; what gravity or the sky does is turned
-from the horizon into the axes, see `Mount.toward`.
+two sides of the pier, or for an alt-azimuth mount either side of the zenith. Catalogue places of
+a run are the axis angles of a perfect mount *on the side that it was on*, so second angles beyond
+90 degrees are normal. Errors of an axis then have one formula on both sides, and signs that
+change on the sky follow from the geometry. Effects of gravity or the sky are rotated from the
+horizon into the axis frame, see `Mount.tangents`.
 
-A program that corrects hour angle and declination *before* it works out the side of the pier has
+A program that corrects hour angle and declination *before* it chooses the side of the pier has
 errors of another kind: they act on the sky, the same on both sides (`Mount.errors`).
 """
 
@@ -41,26 +41,26 @@ from msg_tools.units import DEG, wrap
 
 from .mount_kinds import KINDS, USUAL, kinds_text
 
-#: frames that differ by less are one, rad: 0.0002", where a latitude has been rounded
+#: frames that differ by less are equal, rad: 0.0002", for a rounded latitude
 SAME = 1e-9
-#: whose the errors of a mount are, see `Mount`
+#: where the errors of a mount act, see `Mount`
 OF_MOUNT, ON_SKY = 'mount', 'sky'
 _HORIZON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
 class Mount:
-    """A kind of mount and how its axes stand to the horizon.
+    """A kind of mount and the orientation of its axes relative to the horizon.
 
     Parameters
     ----------
     kind : str
-        Of `KINDS`.
+        A key of `KINDS`.
     frame : tuple of tuple of float
-        The axes x, y, z of its frame, each as (east, north, up): a rotation.
+        The axes x, y, z of its frame, each as (east, north, up): a rotation matrix.
     errors : {'mount', 'sky'}
-        Whose its terms are: of the parts of the mount, which go through the pole with it, or, of a
-        German mount, of a program that applies them on the sky before it works out the side.
+        Where its terms act: on the parts of the mount, which go through the pole with it; or, for
+        a German mount, on the sky, by a program that applies them before it chooses the side.
 
     Raises
     ------
@@ -93,12 +93,12 @@ class Mount:
         return self.errors == ON_SKY
 
     def with_errors(self, errors):
-        """The same mount, whose errors are of the mount or on the sky."""
+        """The same mount, with errors that act on the mount or on the sky."""
         return _with_errors(self, errors)
 
     @classmethod
     def equatorial(cls, latitude, kind='equatorial'):
-        """An equatorial mount: its pole is the celestial one, hour angle 0 the meridian.
+        """An equatorial mount: its pole is the celestial pole, hour angle 0 is the meridian.
 
         Parameters
         ----------
@@ -110,15 +110,15 @@ class Mount:
 
     @classmethod
     def free(cls, azimuth, elevation, roll=0.0):
-        """A mount by where its first axis points.
+        """A mount given by the direction of its first axis.
 
         Parameters
         ----------
         azimuth, elevation : float
-            Of the pole of the first axis, radians: of an alt-alt mount with the axis from south
-            to north 0, 0.
+            Of the pole of the first axis, radians; 0, 0 for an alt-alt mount whose axis goes from
+            south to north.
         roll : float
-            First angle, clockwise about the pole, of the highest point of the frame's equator.
+            First angle, clockwise about the pole, at the highest point of the frame's equator.
         """
         return cls._with_pole('free', azimuth, elevation, roll)
 
@@ -148,19 +148,19 @@ class Mount:
 
     @property
     def two_sided(self):
-        """Whether it goes through the pole to change its side, as a German mount does."""
+        """Whether it goes through the pole to change sides, as a German mount does."""
         return self.names.two_sided
 
     def entries(self):
-        """What a document of results says of another mount than an alt-azimuth one.
+        """Entries of a results document for mounts other than alt-azimuth ones.
 
-        Its ``az`` and ``el`` are then of these axes.
+        Its ``az`` and ``el`` then refer to these axes.
 
         Returns
         -------
         dict
-            ``mount`` (the kind) and ``mount_axes``; empty for an alt-azimuth mount. Where its
-            errors act on the sky, ``errors_act`` says so.
+            ``mount`` (the kind) and ``mount_axes``; empty for an alt-azimuth mount. ``errors_act``
+            if its errors act on the sky.
         """
         if self.vertical:
             return {}
@@ -168,9 +168,9 @@ class Mount:
                 **({'errors_act': ON_SKY} if self.on_sky else {})}
 
     def agrees(self, other):
-        """Whether it is the same mount, but for the rounding of the angles that it was given by.
+        """Whether it is the same mount, within rounding of the given angles.
 
-        Whose its errors are is a matter of the model, and not asked.
+        Where the errors act belongs to the model, and is not compared.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Mount:
 
     @property
     def latitude(self):
-        """Elevation of the pole of the first axis, radians; of an equatorial mount the latitude."""
+        """Elevation of the pole of the first axis, radians; the latitude of an equatorial mount."""
         return float(np.arcsin(np.clip(self.frame[2][2], -1.0, 1.0)))
 
     @property
@@ -190,14 +190,14 @@ class Mount:
         return tuple(axis[2] for axis in self.frame)
 
     def axes_of(self, az, el, beyond=False):
-        """Axis angles at which a perfect mount looks at a place of the horizon.
+        """Axis angles at which a perfect mount points at a place of the horizon.
 
         Parameters
         ----------
         az, el : float or ndarray
             Azimuth from north through east and elevation, radians.
         beyond : bool or ndarray of bool
-            Whether it looks there through the pole.
+            Whether it points there through the pole.
 
         Returns
         -------
@@ -208,10 +208,10 @@ class Mount:
         return through_pole(np.arctan2(x, y), np.arctan2(z, np.hypot(x, y)), beyond)
 
     def on_travel(self, first, second):
-        """Axis angles on the turn that the axes of such a mount have.
+        """Axis angles on the turn that such a mount uses.
 
-        A German mount looks through the pole with its first axis from 0 to 180 degrees and its
-        second from 90 to 270; others have angles about 0.
+        A German mount that points through the pole has its first axis at 0 to 180 degrees and its
+        second at 90 to 270. Other mounts have angles around 0.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class Mount:
         Returns
         -------
         first, second : float or ndarray
-            Within half a turn of the middle of the travel.
+            Within half a turn of the centre of the travel.
         """
         if self.vertical:
             return first, second
@@ -229,31 +229,31 @@ class Mount:
         return middle + wrap(first - middle), middle + wrap(second - middle)
 
     def way(self, here, there):
-        """By how much the first axis turns to get from one angle to another, radians.
+        """Signed turn of the first axis between two angles, radians.
 
         Azimuth takes the shorter way; other axes stay within their travel.
 
         Parameters
         ----------
         here, there : float or ndarray
-            Radians, as of `on_travel`.
+            Radians, see `on_travel`.
         """
         return wrap(there - here) if self.vertical else there - here
 
     def side_for(self, first, second, limit, beyond):
-        """Whether such a mount looks through the pole at a place.
+        """Whether such a mount points through the pole at a place.
 
-        A German mount keeps its counterweight down: west of the meridian it does not, east of it
-        it does.
+        A German mount keeps its counterweight down: it points through the pole east of the meridian
+        only.
 
         Parameters
         ----------
         first, second : float or ndarray
-            Of the place, not through the pole, radians.
+            Angles of the place, not through the pole, radians.
         limit : float
-            How far past the meridian the axis may turn, radians: nearer to it both sides do.
+            How far past the meridian the axis may turn, radians: within it both sides are possible.
         beyond : bool or ndarray of bool
-            The side to take where both do.
+            The side to take where both are possible.
 
         Returns
         -------
@@ -265,7 +265,7 @@ class Mount:
         return np.where(np.abs(first) < limit, beyond, first < 0.0)[()]
 
     def horizon_of(self, first, second):
-        """Azimuth (0 to 2 pi) and elevation at which a perfect mount looks.
+        """Azimuth (0 to 2 pi) and elevation at which a perfect mount points.
 
         Parameters
         ----------
@@ -283,9 +283,9 @@ class Mount:
         return place if self.vertical else np.tensordot(np.array(self.frame).T, place, 1)
 
     def tangents(self, first, second):
-        """Unit vectors (east, north, up) along which the angles grow, each shape (3, ...).
+        """Unit vectors (east, north, up) of increasing axis angles, each of shape (3, ...).
 
-        Beyond the pole both are reversed on the sky, as the images are.
+        Beyond the pole both are reversed on the sky, like the images.
         """
         s, c = np.sin(first), np.cos(first)
         both = (np.array([c, -s, 0.0 * first]),
@@ -323,14 +323,14 @@ def through_pole(first, second, beyond):
     Returns
     -------
     first, second : ndarray
-        Where `beyond`: first + pi, pi - second; each in -pi to pi there.
+        Where `beyond`: first + pi, pi - second, each in -pi to pi.
     """
     return (np.where(beyond, wrap(first + np.pi), first),
             np.where(beyond, wrap(np.pi - second), second))
 
 
 def sides(first, second):
-    """Axis angles folded back to the sky, and the sign there of what grows along them.
+    """Axis angles folded back to the sky, and the sign of on-sky offsets along them.
 
     Parameters
     ----------
@@ -342,30 +342,30 @@ def sides(first, second):
     first, second : ndarray
         Not through the pole, radians.
     side : ndarray
-        -1 where they were: what is added to the first angle is the same, but the cosine of the
-        second is not, and the second runs backwards.
+        -1 for a place through the pole: an offset of the first angle is unchanged, but cos of the
+        second angle changes its sign, and the second angle runs backwards.
     """
     beyond = is_beyond(second)
     return (*through_pole(first, second, beyond), np.where(beyond, -1.0, 1.0))
 
 
 def is_beyond(second):
-    """Whether a second angle is one through the pole."""
+    """Whether a second angle is beyond the pole."""
     return np.cos(second) < 0.0
 
 
 def centred_second(reading, first, miss, beyond=False):
-    """`centred` of the second encoder, each axis of which may be NaN.
+    """`centred` for the second encoder, each axis of which may be NaN.
 
-    How an axis centres depends a little on where the other one is: the `first` encoder's reading
-    will do.
+    Centring one axis depends slightly on the position of the other: the `first` encoder's reading
+    is good enough for it.
 
     Parameters
     ----------
     reading, first, miss : array_like, shape (2,)
         Radians.
     beyond : bool
-        As of `centred`.
+        See `centred`.
 
     Returns
     -------
@@ -376,20 +376,20 @@ def centred_second(reading, first, miss, beyond=False):
 
 
 def centred(az, el, miss_x, miss_y, beyond=False):
-    """The encoder reading that would have put the star on the boresight.
+    """The encoder reading that would put the star on the boresight.
 
-    The miss distance is a point in the tangent plane about the pointing; taking it back to the
-    sphere exactly keeps stars near the zenith right.
+    The miss distance is a point in the tangent plane at the pointing. It is projected back to the
+    sphere exactly, for stars near the zenith.
 
     Parameters
     ----------
     az, el : float or ndarray
         Encoder reading, rad.
     miss_x, miss_y : float or ndarray
-        Star minus boresight to the right and the top of the tube, rad: differences of the
+        Star minus boresight toward the right and the top of the tube, rad: differences of the
         first angle times the cosine of the second, and of the second.
     beyond : bool or ndarray of bool
-        Whether the mount looks through the pole.
+        Whether the mount points through the pole.
 
     Returns
     -------
@@ -400,12 +400,12 @@ def centred(az, el, miss_x, miss_y, beyond=False):
     side = np.where(beyond, -1.0, 1.0)[()]
     new_az = az + np.arctan2(side * miss_x, side * up)
     new_el = np.arctan2(np.sin(el) + miss_y * np.cos(el), side * np.hypot(miss_x, up))
-    # on the turn of the reading
+    # on the same turn as the reading
     return new_az, np.where(beyond, el + wrap(new_el - el), new_el)[()]
 
 
 def rows_by_side(mount, second):
-    """How many places are on this side of the pier, and how many through the pole.
+    """Number of places on this side of the pier, and through the pole.
 
     Parameters
     ----------
@@ -416,7 +416,7 @@ def rows_by_side(mount, second):
     Returns
     -------
     tuple of int, or None
-        None of a mount that is no German one.
+        None unless it is a German mount.
     """
     if not mount.two_sided:
         return None
@@ -425,21 +425,21 @@ def rows_by_side(mount, second):
 
 
 def parse_mount(text, latitude=None):
-    """A mount by its kind, and what else it takes.
+    """Parse a kind of mount with its orientation.
 
     Parameters
     ----------
     text : str
         ``altaz``, ``equatorial`` (or ``fork``, ``horseshoe``), ``german``; ``xy``, ``xy:90``: an
-        X/Y mount whose X axis lies to the north, or to that azimuth; ``free:0,0`` or
-        ``free:0,0,90``: azimuth and elevation of the pole of the first axis, and its roll, deg.
+        X/Y mount whose X axis points north, or to that azimuth; ``free:0,0`` or ``free:0,0,90``:
+        azimuth and elevation of the pole of the first axis, and its roll, deg.
     latitude : float, optional
         Radians; needed for equatorial mounts.
 
     Raises
     ------
     ValueError
-        One line: what is wrong.
+        One line that says what is wrong.
     """
     kind, _, numbers = text.strip().lower().partition(':')
     kind = next((name for name, one in KINDS.items() if kind in one.aliases), kind)
@@ -470,7 +470,7 @@ def parse_mount(text, latitude=None):
 
 
 def mount_text(mount):
-    """What `parse_mount` reads as the same mount, with the latitude of an equatorial one."""
+    """Text that `parse_mount` reads as the same mount, given the latitude of an equatorial one."""
     pole = mount.names.pole
     if isinstance(pole, tuple) and not mount.agrees(Mount._with_pole(mount.kind, *pole)):
         return f'{mount.kind}:{float(np.arctan2(*mount.frame[2][:2]) / DEG)!r}'
@@ -489,7 +489,7 @@ def pole_of(mount):
 
 
 def mount_by_pole(kind, azimuth, elevation, roll):
-    """The `Mount` of a kind whose `pole_of` that is, rad; ValueError for a pole that is none."""
+    """The `Mount` of a kind with this `pole_of`, rad; ValueError for an invalid pole."""
     if not np.all(np.isfinite((azimuth, elevation, roll))):
         raise ValueError(f'the pole of a mount that is {kind} is no number')
     if KINDS[kind].pole == 'celestial':
@@ -498,7 +498,7 @@ def mount_by_pole(kind, azimuth, elevation, roll):
 
 
 def mount_wording(mount):
-    """A `Mount` in words that tell it from another of its kind."""
+    """A `Mount` in words, specific enough to distinguish it from others of its kind."""
     if mount.vertical:
         return mount.kind
     if mount.celestial:

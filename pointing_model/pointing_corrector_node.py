@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The pointing corrector: a wanted direction in, encoder demands and their sigma out."""
+"""The pointing corrector: turns wanted directions into encoder demands with their sigma."""
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -31,12 +31,12 @@ from .encoder_difference import Difference
 from .zero_drift import Following
 
 PARAMS = (MODEL_FILE,)
-#: step of the difference that turns sky rates into encoder rates, s
+#: half step of the difference that turns sky rates into encoder rates, s
 STEP = 0.05
 
 
 class PointingCorrector(MountNode):
-    """Applies the latest model and zero, once, to what is asked on `target`."""
+    """Applies the latest model and zero, once, to the directions on `target`."""
 
     def __init__(self, **kwargs):
         super().__init__('pointing_corrector', PARAMS, hardware_id='pointing model', **kwargs)
@@ -59,7 +59,7 @@ class PointingCorrector(MountNode):
                 self._pair_pub.publish(String(data=text))
 
     def _follow(self):
-        """Hear both encoders from the first model on whose zero follows one of them."""
+        """Subscribe to both encoders as soon as a model has a zero that tracks the absolute one."""
         if not Following.from_model(self._active.model) or self._difference is not None:
             return
         self._difference = Difference()
@@ -79,7 +79,7 @@ class PointingCorrector(MountNode):
                                          self._difference.absolute, self._difference.start)
 
     def _drivers(self, stamps, sky):
-        """Time and temperature; how the axes will come, and the star, only the observer knows."""
+        """Time and temperature; only the observer knows the star and the direction of approach."""
         model = self._active.model
         if model is None or not model.effects:
             return None
@@ -116,7 +116,7 @@ class PointingCorrector(MountNode):
             stamp, *self._sigma(stamp, sky, context)))
 
     def _names(self, message):
-        """Of the joints of a target; ValueError where the model is of another mount."""
+        """Names of the joints of a target; ValueError if the model is of another mount."""
         found, model = convert.joints_of(message.joint_names), self._active.model
         if model is not None and found != model.mount.names.keys:
             raise ValueError(f'a target by {" and ".join(found)}, and the model is of a mount '
@@ -124,12 +124,12 @@ class PointingCorrector(MountNode):
         return found
 
     def _sigma(self, stamp, sky, context):
-        """1-sigma of the demand on the sky at the first point, from model and zero, rad.
+        """1 sigma of the demand on the sky at the first point, from model and zero, rad.
 
-        Where the zero drifts, with what it may have moved since the model's rows.
+        Includes the possible drift of zero and terms since the model's rows.
 
-        NaN where the zero is of another power-on, by how much it has moved nobody knows; and where
-        the model rests on terms that the stars of its fit did not determine.
+        NaN if the zero is of another power-on (its shift is unknown), or if the prediction rests on
+        terms that the stars of the fit did not determine.
         """
         if self._active.zero_is_unknown:
             return np.full(2, np.nan)
@@ -143,7 +143,7 @@ class PointingCorrector(MountNode):
         return np.hypot(out, self._active.zero_sigma * [float(np.cos(sky[0, 1])), 1.0])
 
     def problems(self):
-        """Nothing to correct with yet, or what must not be corrected with."""
+        """What is missing for the correction, or makes it invalid."""
         found = [(DiagnosticStatus.WARN, text) for text in self._active.complaints()]
         if self._active.model is None:
             return [*found, (DiagnosticStatus.WARN, 'no model yet: demands are the wanted '

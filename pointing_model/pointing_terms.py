@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""First-order pointing terms of a mount, by the names that the field uses (TPOINT).
+"""First-order pointing terms of a mount, by the names of the field (TPOINT).
 
-A term is a pair of design columns (x, y): what a coefficient of one radian adds to
-encoder - catalogue, on the sky, x = delta-A cos E and y = delta-E, with the axis angles A and E of
-the catalogue place (see `mounts`; of an alt-azimuth mount azimuth from north through east, and
-elevation). Terms of the axes have the same columns in every mount, under its own names; those of
-gravity and refraction lift toward the zenith, wherever that is for the axes.
+A term is a pair of design columns (x, y): its contribution to encoder - catalogue on the sky for
+a coefficient of one radian. x = delta-A cos E and y = delta-E, with the axis angles A and E of the
+catalogue place (see `mounts`; for an alt-azimuth mount azimuth from north through east, and
+elevation). Terms of the axes have the same columns on every mount, under its own names. Terms of
+gravity and refraction act toward the zenith, whatever its direction in the axis frame.
 """
 
 import functools
@@ -30,7 +30,7 @@ import numpy as np
 from .mount_kinds import KINDS
 from .mounts import ALTAZ, OF_MOUNT, sides
 
-#: A column that is zero everywhere; the fit gives it by identity and skips it.
+#: A column that is zero everywhere; the fit detects it by identity and skips it.
 ZERO = 0.0
 
 
@@ -42,9 +42,9 @@ class Trig:
     az, el : float or ndarray
         Catalogue place by the axes of the mount, radians.
     mount : Mount, optional
-        Where its errors act on the sky, the angles are folded back to it, and `mount` is the same
-        with its own errors; `side` is the sign that what grows along the angles has there (None
-        of other mounts).
+        If its errors act on the sky, the angles are folded back to the sky, `mount` is the same
+        mount with errors of the mount, and `side` is the sign of on-sky offsets along the angles
+        (None for other mounts).
     """
 
     def __init__(self, az, el, mount=ALTAZ):
@@ -58,26 +58,26 @@ class Trig:
 
     @functools.cached_property
     def zenith(self):
-        """Of azimuth and elevation, whatever the axes are."""
+        """The same for azimuth and elevation, whatever the axes are."""
         if self.mount.vertical:
             return self
         return Trig(*self.mount.horizon_of(self.az, self.el))
 
     def columns(self, term):
-        """Pair (x, y) of a `Term` along the axes of the mount."""
+        """Columns (x, y) of a `Term` along the axes of the mount."""
         x, y = term.of(self)
         if self.side is None:
             return x, y
         return tuple(v if v is ZERO else self.side * v for v in (x, y))
 
     def lifted(self, by):
-        """Pair (x, y) of what lifts the line of sight toward the zenith by so much."""
+        """Columns (x, y) of a displacement of the line of sight toward the zenith by `by`."""
         if self.mount.vertical:
             return ZERO, by
         x, y, z = self.mount.zenith
         up = (x * self.cos_az - y * self.sin_az,
               z * self.cos_el - self.sin_el * (x * self.sin_az + y * self.cos_az))
-        # of length cos E; at the zenith itself there is no such direction
+        # its length is cos E; at the zenith itself the direction is undefined
         by = by / np.maximum(np.hypot(*up), 1e-12)
         return by * up[0], by * up[1]
 
@@ -89,17 +89,17 @@ class Term:
     Attributes
     ----------
     name : str
-        Name of the coefficient here.
+        Name of the coefficient in this project.
     doc : str
-        What it is, in words.
+        Description.
     formula : str
         Its columns (x, y).
     tpoint_sign : int or None
-        coefficient here = ``tpoint_sign`` x coefficient in TPOINT, where the term has the same
-        name; None if it has none. TPOINT's corrections take the encoder to the star and its
-        internal azimuth is zero in the south and 90 degrees in the east, hence the signs.
+        Our coefficient = ``tpoint_sign`` x TPOINT's coefficient of the same name; None if
+        TPOINT has no such term. TPOINT's corrections go from encoder to star, and its internal
+        azimuth is zero in the south and 90 degrees in the east: hence the signs.
     of : callable
-        `Trig` -> (x, y); an entry that is zero everywhere is `ZERO`.
+        `Trig` -> (x, y); `ZERO` for a column that is zero everywhere.
     """
 
     name: str
@@ -150,12 +150,12 @@ TERMS = {row[0]: Term(*row) for row in (
 #: The geometry of an alt-az mount and Hooke's law flexure.
 PHYSICAL = ALTAZ.names.physical
 
-#: The usual six of telescopes with well squared axes.
+#: The usual six for telescopes with well squared axes.
 STANDARD6 = ALTAZ.names.standard6
 
 
 def _same(name, own, doc, formula, tpoint_sign, sign=1):
-    """A term of another mount with the columns of an alt-az one, in its axes."""
+    """A term of another mount with the columns of an alt-az term, in its own axes."""
     of = TERMS[own].of
     if sign > 0:
         return Term(name, doc, formula, tpoint_sign, of)
@@ -163,21 +163,21 @@ def _same(name, own, doc, formula, tpoint_sign, sign=1):
 
 
 def _rotations(kind, docs):
-    """The geometric terms of a kind of mount; their columns follow from the geometry."""
+    """Geometric terms of a kind of mount; their columns follow from the geometry."""
     out = []
     for (name, (own, sign)), (doc, formula, tpoint_sign) in zip(KINDS[kind].terms.items(), docs):
         out.append(_same(name, own, doc, formula, tpoint_sign, sign))
     return out
 
 
-_UP = 'upward'  # of a formula: toward the zenith
+_UP = 'upward'  # in formulas: toward the zenith
 _ZENITH = [
     _same('TX', 'TX', TERMS['TX'].doc, f'cot E {_UP}', 1),
     _same('TX3', 'TX3', TERMS['TX3'].doc, f'cot^3 E {_UP}', None),
     Term('HZCZ', 'second flexure, sin E', f'sin E {_UP}', 1,
          lambda t: t.lifted(t.zenith.sin_el))]
-#: the signs: TPOINT's corrections take the encoder to the star in hour angle and declination, and
-#: those of gravity there point down
+#: signs: TPOINT's corrections go from encoder to star in hour angle and declination; its gravity
+#: terms point down
 _HADEC = [*_rotations('equatorial', (
     ('hour angle index', '(cos δ, 0)', -1), ('declination index', '(0, 1)', -1),
     ('collimation, the line of sight not square to the declination axis', '(1, 0)', -1),
@@ -204,7 +204,7 @@ _HADEC = [*_rotations('equatorial', (
         ('HPSH2', 'HVSA2', 'polar axis wobble, sin 2h', '(sin 2h sin δ, 0)'))),
     Term('DCEC', 'declination encoder centring, cos δ', '(0, cos δ)', -1,
          lambda t: (ZERO, t.cos_el))]
-#: of mounts whose axes are neither of these
+#: for mounts that are neither alt-azimuth nor equatorial
 _ANYWHERE = (
     ('index of the {0}', '(cos {b}, 0)', None), ('index of the {1}', '(0, 1)', None),
     ('collimation, positive where the line of sight is left of the tube', '(1, 0)', None),
@@ -217,7 +217,7 @@ _HADEC = {term.name: term for term in _HADEC}
 
 @functools.lru_cache
 def _elsewhere(kind, names):
-    """Terms of a kind of mount that is neither vertical nor celestial; its terms have `names`."""
+    """Terms of a mount that is neither vertical nor celestial; `names` are its term names."""
     first, second = KINDS[kind].shafts
     a, b = KINDS[kind].letters
     docs = [tuple(text and text.format(first, second, a=a, b=b) for text in row)
@@ -226,14 +226,14 @@ def _elsewhere(kind, names):
 
 
 def terms_of(mount):
-    """All terms of a mount, or of a kind of mount, name -> `Term`."""
+    """All terms of a mount or of a kind of mount: name -> `Term`."""
     kind = mount if isinstance(mount, str) else mount.kind
     names = KINDS[kind]
     return TERMS if names.vertical else _HADEC if names.celestial else _elsewhere(
         kind, tuple(names.terms))
 
 
-#: likely cause, and where to look, by the names of alt-azimuth mounts
+#: likely cause and what to check, by the term names of alt-azimuth mounts
 _CAUSES = {
     'IA': ('zero of the {first} encoder off', 'zero of the {first} encoder'),
     'IE': ('zero of the {second} encoder off', 'zero of the {second} encoder'),
@@ -244,13 +244,13 @@ _CAUSES = {
     'TF': ('flexure of the tube under its weight', 'stiffness of the tube and of the mirror cell'),
     'TX': ('refraction, or flexure that grows toward the horizon',
            'pressure and temperature for the refraction')}
-#: of the tilts of the first axis, by where it points
+#: the same for tilts of the first axis, by where it points
 _TILTS = {'zenith': ('base not level', 'feet and pier: level of the base'),
           'celestial': ('polar axis off the pole', 'bolts of the polar axis')}
 
 
 def term_cause(name, mount):
-    """What a term is on the mount.
+    """Likely mechanical cause of a term.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ def term_cause(name, mount):
     Returns
     -------
     cause, check : str
-        Its likely cause, and where to look; '' where no single part is known.
+        Likely cause, and what to check; '' where no single part is known.
     """
     kind = KINDS[mount.kind]
     own, _ = kind.terms.get(name, (name, 1))
@@ -291,7 +291,7 @@ def known_terms(names, mount=ALTAZ):
     return list(_known_terms(tuple(names), mount))
 
 
-@functools.lru_cache(256)  # a fit asks thrice, a model whenever it is made
+@functools.lru_cache(256)  # three calls a fit, and one for every model made
 def _known_terms(names, mount):
     known = terms_of(mount)
     unknown = [name for name in names if name not in known]
@@ -306,9 +306,9 @@ def _known_terms(names, mount):
 
 
 def stacked_design(names, az, el, mount=ALTAZ, trig=None):
-    """The design of both axes in one array, a row a term: x of all stars, then y of all stars.
+    """Design of both axes in one array, one row per term: x of all stars, then y of all stars.
 
-    Contiguous rows make the products of the fit fast.
+    Contiguous rows make the matrix products of the fit fast.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ def stacked_design(names, az, el, mount=ALTAZ, trig=None):
         Catalogue place by the axes of the mount, radians.
     mount : Mount, optional
     trig : Trig, optional
-        Of these places, where it is known.
+        Trigonometric functions of these places, if already computed.
 
     Returns
     -------
@@ -363,7 +363,7 @@ def design(names, az, el, mount=ALTAZ):
 
 
 def mean_columns(names, az, el, mount=ALTAZ):
-    """Mean over some rows of the derivatives of the encoder angles, as of Polaris' exposures.
+    """Mean derivatives of the encoder angles over some rows, such as exposures of Polaris.
 
     Parameters
     ----------
@@ -375,7 +375,7 @@ def mean_columns(names, az, el, mount=ALTAZ):
     Returns
     -------
     ndarray, shape (2, k)
-        Of azimuth (the coordinate angle, not on the sky) and elevation, for unit coefficients.
+        Of azimuth (coordinate angle, not on the sky) and elevation, for unit coefficients.
     """
     x, y = design(names, az, el, mount)
     return np.stack((np.mean(x / np.cos(el)[:, None], axis=0), np.mean(y, axis=0)))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Root mean squares, and what takes their place among outliers, once for all."""
+"""Root mean squares, and robust estimates of scatter."""
 
 from typing import NamedTuple
 
@@ -20,12 +20,12 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, all_finite
 
-#: 1 / 0.6745: from the median of the absolute residuals to 1 sigma of Gaussian noise
+#: 1 / 0.6745: converts a median absolute residual to 1 sigma of Gaussian noise
 MAD = 1.4826
 
 
 class Rms(NamedTuple):
-    """Root mean squares on the sky, arcsec, and the number of rows they are of."""
+    """Root mean squares on the sky, arcsec, and the number of rows used."""
 
     x: float
     y: float
@@ -34,17 +34,17 @@ class Rms(NamedTuple):
 
 
 def rms(*axes):
-    """Root mean square of values, or of the length of vectors, in their own unit.
+    """Root mean square of values, or of the length of vectors, in the same unit.
 
     Parameters
     ----------
     *axes : array_like, shape (n,)
-        One: its RMS. Several: that of the root of the sum of their squares.
+        One array: its RMS. Several: RMS of the root of the sum of their squares.
 
     Returns
     -------
     float
-        NaN of no value.
+        NaN without values.
     """
     squares = sum(np.square(values) for values in axes)
     return float(np.sqrt(np.mean(squares))) if np.size(squares) else np.nan
@@ -61,7 +61,7 @@ def rms_arcsec(x, y):
     Parameters
     ----------
     x, y : ndarray, shape (n,)
-        Radians; rows that are not finite are left out.
+        Radians; rows that are not finite are excluded.
 
     Returns
     -------
@@ -80,19 +80,19 @@ def rms_arcsec(x, y):
 
 
 def sigma_of(residual, dof_factor=1.0, axis=None):
-    """1-sigma noise from the median of the absolute residuals.
+    """1-sigma noise from the median absolute residual.
 
     Parameters
     ----------
     residual : ndarray
     dof_factor : float
-        For the freedom that a fit took: sqrt(n / (n - k)).
+        Correction for the degrees of freedom of a fit: sqrt(n / (n - k)).
     axis : int, optional
         As for `numpy.median`.
     """
     size = np.abs(residual)
     size = size.ravel() if axis is None else size.swapaxes(axis, -1)
     first, second = (size.shape[-1] - 1) // 2, size.shape[-1] // 2
-    # a third of the time of `numpy.median` for two axes of a hundred rows
+    # for two axes of a hundred rows this takes a third of the time of `numpy.median`
     size = np.partition(size, [first, second])
     return MAD * dof_factor * 0.5 * (size[..., first] + size[..., second])

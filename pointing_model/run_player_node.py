@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The run player: publishes a measured pointing run as an observer publishes a night."""
+"""The run player: publishes a measured pointing run like an observer publishes a night."""
 
 import time
 
@@ -31,9 +31,9 @@ from .runs.run import COLUMNS, PointingRun, first_of_last
 from .runs.run_messages import run_to_cloud
 from .runs.run_reader import read_run
 
-#: rows published between two looks at what else there is to do
+#: rows published between checks for other work
 BATCH = 200
-#: numbers of stars that have names, beyond those of any catalogue
+#: first number for stars with names, beyond the numbers of any catalogue
 FIRST_NAMED = 1_000_001
 #: stamp of the first row of a run without usable times, 2000-01-01, ns
 NO_TIME = 946_684_800 * 10**9
@@ -54,23 +54,23 @@ PARAMS = (
 
 
 def playable(run, check_every, seed):
-    """The columns of a run that a topic can carry, with those that the calibration needs.
+    """Columns of a run that a topic can carry, plus those that the calibration needs.
 
     Parameters
     ----------
     run : PointingRun
     check_every : int
-        Of so many rows in a row one, by chance, gets ``check`` 1; 0: none. A run that has the
-        column keeps it.
+        One random row in each block of this many gets ``check`` 1; 0: none. An existing column
+        is kept.
     seed : int
 
     Returns
     -------
     run : PointingRun
-        ``run`` is 1 and ``block`` 0 where the run has none; stars with names are numbered from
+        ``run`` is 1 and ``block`` 0 if the run has none; named stars are numbered from
         `FIRST_NAMED` on.
     stamps : ndarray of int, shape (n,)
-        ns, increasing; the time of each row where that can be a stamp.
+        ns, increasing; the time of each row if it is usable as a stamp.
     left_out : list of str
         Columns that are not numeric.
     """
@@ -85,7 +85,7 @@ def playable(run, check_every, seed):
         else:
             left_out.append(name)
     if run.meta.get('raw_reading', True) is False:
-        # nothing here is what an encoder reads
+        # the angles here are not raw encoder readings
         columns['az_raw'] = columns['el_raw'] = np.full(n, np.nan)
     if 'check' not in columns:
         columns['check'] = _check_rows(n, check_every, seed)
@@ -96,7 +96,7 @@ def playable(run, check_every, seed):
 
 
 def _check_rows(n, every, seed):
-    """1.0 for one row, by chance, of each `every` in a row."""
+    """1.0 for one random row of each `every` consecutive rows."""
     out = np.zeros(n)
     if every > 0:
         starts = np.arange(0, n, every)
@@ -106,18 +106,18 @@ def _check_rows(n, every, seed):
 
 
 def _stamps(time, n):
-    """Increasing stamps, the rows' own times where they are such."""
+    """Increasing stamps: the rows' own times if these are usable."""
     if time is None or not np.isfinite(time).all() or time.min() <= 0.0 \
             or time.max() * 1e9 + n > LAST_STAMP:
         return NO_TIME + 10**9 * np.arange(n, dtype=np.int64)
     stamps = np.rint(time * 1e9).astype(np.int64)
-    # two rows of one time, or out of order: a nanosecond later than the one before
+    # equal or decreasing times: one nanosecond after the previous row
     step = np.arange(n)
     return np.maximum.accumulate(stamps - step) + step
 
 
 class RunPlayer(MountNode):
-    """Publishes `observation` row by row, then has the calibration fit and diagnose."""
+    """Publishes `observation` row by row, then calls the calibration to fit and diagnose."""
 
     def __init__(self, **kwargs):
         super().__init__('run_player', PARAMS, hardware_id='measured run', **kwargs)
@@ -134,7 +134,7 @@ class RunPlayer(MountNode):
         self._state = ('waiting', 'the graph')
         self._step = ''
         self._last_report = None
-        # discovery comes in this order: who is matched with what follows can answer these
+        # discovery keeps this order: a node connected to the later topics can answer these services
         self._trigger_clients = {name: self.create_client(Trigger, name)
                        for name in self.value('services') if name}
         self._clock_pub = self.publisher(topics.CLOCK)
@@ -164,13 +164,13 @@ class RunPlayer(MountNode):
             self.get_logger().error(self._state[1])
 
     def _play(self):
-        """What is to be done, as a generator of conditions to wait for."""
+        """The steps, as a generator of conditions to wait for."""
         yield lambda: not self.waiting_for()
         self._state, self._step = ('observing', 'rows'), f'rows {len(self._run)}'
         for first in range(0, len(self._run), BATCH):
             for row in range(first, min(first + BATCH, len(self._run))):
                 self._publish(row)
-            # no more on the way than a subscriber's queue holds
+            # no more rows in transit than a subscriber's queue holds
             yield self._all_received
         self._observations_pub.publish(run_to_cloud(self._run, int(self._stamps[-1])))
         for name, client in self._trigger_clients.items():
@@ -179,7 +179,7 @@ class RunPlayer(MountNode):
             self.get_logger().info(answer)
 
     def _all_received(self):
-        """Whether the calibration has all that was sent, of the power-ons that it keeps."""
+        """Whether the calibration has received all rows of the power-ons that it keeps."""
         sent = self._run['run'][:self._sent]
         return self._calibrated.has(
             len(sent) - first_of_last(sent, self._calibrated.power_ons),
@@ -205,12 +205,12 @@ class RunPlayer(MountNode):
                 observations=self._sent).rows()))
 
     def required(self):
-        """A calibration must take the rows: it says so; a logger takes them too."""
+        """A calibration must take the rows: its status shows it; a logger takes them, too."""
         return {self.resolve_topic_name(topic.name)
                 for topic in (topics.OBSERVATION, topics.CALIBRATION_STATUS)}
 
     def waiting_for(self):
-        """Subscribers that are not there yet, and nodes that are not fully connected."""
+        """Missing subscribers, and nodes that are not fully connected."""
         missing = super().waiting_for()
         nodes = [name for name in self.value('wait_for_nodes') if name]
         if nodes and not missing and self._sent == 0:
@@ -218,7 +218,7 @@ class RunPlayer(MountNode):
         return missing
 
     def problems(self):
-        """What the calibration refused."""
+        """A failure of the calibration."""
         state, text = self._state
         return [(DiagnosticStatus.ERROR, text)] if state == 'failed' else []
 

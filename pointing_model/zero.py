@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Zeros of the encoders: one of a run (a night, a power-on), and those of several runs.
+"""Zeros of the encoders: for one run (a night, a power-on), and for several runs.
 
-A zero is what the encoders read too much, in coordinate angles: subtract it from the readings.
+A zero is the offset of the encoder readings in coordinate angles: subtract it from them.
 """
 
 from dataclasses import dataclass, field, replace
@@ -28,24 +28,24 @@ from .sky.star_catalogue import POLARIS_HIP
 
 @dataclass(frozen=True)
 class PowerOnZero:
-    """Zero of both axes in one run.
+    """Zero of both axes for one run.
 
     Parameters
     ----------
     az, el : float
-        Coordinate angles (not on the sky), radians: subtract them from the encoder's reading.
+        Coordinate angles (not on the sky), radians: subtract them from the encoder readings.
     covariance : ndarray, shape (2, 2), optional
-        Of (az, el), radians^2.
+        Covariance of (az, el), radians^2.
     run : int or float, optional
         Number of the run, as in the column ``run``.
     started : float, optional
-        When the encoder's power-on began, UTC s, as in the column ``encoder_start``: the zero
-        holds for no other.
+        Begin of the encoder's power-on, UTC s, as in the column ``encoder_start``: the zero is
+        valid for this power-on only.
     model : str, optional
-        `model_document.identity` of the model that it goes with: with another it points
-        elsewhere.
+        `model_document.identity` of the model that it was determined with: with another model
+        the pointing is wrong.
     by : str, optional
-        By which way it was got, see `way_of`; None: Polaris, or not known.
+        How it was determined, see `way_of`; None: Polaris, or unknown.
     """
 
     az: float
@@ -79,7 +79,7 @@ class PowerOnZero:
         return float(self.sigma[1])
 
     def row_angles(self, run):
-        """The angles for each row of a PointingRun: the same for all.
+        """The angles for each row of a PointingRun, here the same for all.
 
         Returns
         -------
@@ -89,22 +89,22 @@ class PowerOnZero:
         return self.az, self.el
 
     def plus(self, az, el):
-        """The zero moved by two angles, radians; its covariance is not known any more."""
+        """The zero shifted by two angles, radians; the result has no covariance."""
         return PowerOnZero(self.az + az, self.el + el, run=self.run)
 
     def to_dict(self):
-        """``run`` (where it is known), ``az_arcsec``, ``el_arcsec``; JSON-ready."""
+        """``run`` (if known), ``az_arcsec``, ``el_arcsec``; JSON-ready."""
         run = {} if self.run is None else {'run': self.run}
         return {**run, 'az_arcsec': self.az / ARCSEC, 'el_arcsec': self.el / ARCSEC}
 
     @classmethod
     def from_dict(cls, document):
-        """Read `to_dict`'s document; other keys are left alone.
+        """Read `to_dict`'s document; other keys are ignored.
 
         Raises
         ------
         ValueError
-            An angle is missing or is no number.
+            An angle is missing or not a number.
         """
         try:
             return cls(document['az_arcsec'] * ARCSEC, document['el_arcsec'] * ARCSEC,
@@ -113,16 +113,16 @@ class PowerOnZero:
             raise ValueError(f'not a zero with az_arcsec and el_arcsec: {document!r:.60}') from None
 
 
-#: key of a model's provenance: zeros of the runs of a file, beside its indices
+#: key of a model's provenance: zeros of the runs of a file, relative to its index terms
 OF_RUNS = 'zeros_of_runs'
-#: angles as they were read
+#: raw angles
 NO_ZERO = PowerOnZero(0.0, 0.0)
 
 
 class Zeros(dict):
-    """Zero of each run: number -> PowerOnZero. A run that is not in it is refused.
+    """Zero of each run: number -> PowerOnZero. A missing run raises an error.
 
-    Who wants something else for a missing run says what: `filled` or `carried`.
+    `filled` and `carried` supply zeros for missing runs.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class Zeros(dict):
     Raises
     ------
     ValueError
-        On asking for a run that has none.
+        If a run without a zero is requested.
     """
 
     def __init__(self, zeros=()):
@@ -143,7 +143,7 @@ class Zeros(dict):
 
     @property
     def newest(self):
-        """Zero of the run with the greatest number; ValueError if there is none."""
+        """Zero of the run with the highest number; ValueError if there is none."""
         if not self:
             raise ValueError('no zero of any run; measure one')
         return self[max(self)]
@@ -170,18 +170,18 @@ class Zeros(dict):
         return az, el
 
     def filled(self, numbers, missing):
-        """With a zero for each of `numbers`: `missing` (a PowerOnZero) for those that have none."""
+        """A copy with the zero `missing` (a PowerOnZero) for those of `numbers` that have none."""
         return Zeros([*self.values(), *(replace(missing, run=n) for n in numbers
                                         if n not in self)])
 
     def carried(self, numbers, first=None):
-        """A zero for each of `numbers`: that of the run before it, for those that have none.
+        """A zero for each of `numbers`; a missing one is taken from the run before it.
 
         Parameters
         ----------
         numbers : sequence of int or float
         first : PowerOnZero, optional
-            For what comes before the first that is known; by default that itself.
+            For runs before the first known zero; by default that zero.
         """
         known = sorted(self)
         out = []
@@ -197,12 +197,12 @@ class Zeros(dict):
 
     @classmethod
     def from_list(cls, documents):
-        """Read `to_list`'s documents; ValueError if one is no zero."""
+        """Read `to_list`'s documents; ValueError if one is invalid."""
         return cls(map(PowerOnZero.from_dict, documents))
 
 
 def active_zeros(model):
-    """The zeros that a model went with, as its provenance gives.
+    """The zeros that were active for a model, from its provenance.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def active_zeros(model):
     Returns
     -------
     Zeros
-        Of the power-ons that the model was fitted to; empty where nothing is known.
+        For the power-ons of the fit; empty if unknown.
     """
     return _zeros_of(model, 'zeros_in_force')
 
@@ -222,19 +222,19 @@ def _zeros_of(model, key):
 
 
 def carried_zeros(model):
-    """The `active_zeros` of a model, or those of the runs of a file that it was fitted to."""
+    """The `active_zeros` of a model, or the zeros of the runs of the file that it was fitted to."""
     return active_zeros(model) or _zeros_of(model, OF_RUNS)
 
 
 def active_zero(model):
-    """The newest of `active_zeros`, or `NO_ZERO` where nothing is known."""
+    """The newest of `active_zeros`, or `NO_ZERO` if unknown."""
     zeros = active_zeros(model)
     return zeros.newest if zeros else NO_ZERO
 
 
-#: column of a run: 1 where the observer took the row for a zero, of stars other than Polaris
+#: column of a run: 1 where the observer took the row to set a zero, with stars other than Polaris
 MARK = 'for_zero'
-#: the way of a zero, in words
+#: methods to determine a zero, in words
 BY_POLARIS, BY_STARS = 'Polaris', 'stars'
 
 
@@ -244,12 +244,12 @@ def is_of_polaris(rows):
 
 
 def is_marked(rows):
-    """Which rows the observer marked as exposures of stars for a zero.
+    """Which rows the observer marked as exposures of stars to set a zero.
 
     Parameters
     ----------
     rows : PointingRun
-        Logs from before there was the column `MARK` have none.
+        Logs older than the column `MARK` have none.
 
     Returns
     -------
@@ -259,10 +259,10 @@ def is_marked(rows):
 
 
 def is_for_zero(rows):
-    """Which rows are exposures for a zero: of Polaris, which needs no mark, or marked ones.
+    """Which rows are exposures to set a zero: marked ones, and Polaris, which needs no mark.
 
-    They count in the fit of terms and zeros, and are no stars to split, to leave out or to test
-    by.
+    The fit of terms and zeros uses them. They are not used as stars for splits, resampling or
+    validation.
 
     Parameters
     ----------
@@ -277,17 +277,17 @@ def is_for_zero(rows):
 
 
 def way_of(rows):
-    """By which way a zero from these exposures is got, in words.
+    """Method by which these exposures determine a zero, in words.
 
     Parameters
     ----------
     rows : PointingRun
-        Exposures for a zero.
+        Exposures to set a zero.
 
     Returns
     -------
     str
-        ``Polaris``, ``stars (5)`` with how many different ones, or ``Polaris and stars (5)``.
+        ``Polaris``, ``stars (5)`` with the number of different ones, or ``Polaris and stars (5)``.
     """
     polaris = is_of_polaris(rows)
     others = len(np.unique(rows['star'][~polaris]))

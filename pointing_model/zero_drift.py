@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A zero that follows the absolute encoder, where the counts of the incremental one drift.
+"""A zero that tracks the absolute encoder while the counts of the incremental encoder drift.
 
-Incremental - absolute is seen at every exposure without any star. It has three parts:
-a reference, at which the active zero is right; low harmonics of the angle, which are the discs and
-belong to the model; the rest is what the counts have drifted, and is added to the zero.
+Incremental - absolute is measured at every exposure without any star. It has three parts:
+a reference, at which the active zero is right; low harmonics of the angle, caused by the encoder
+discs and part of the model; and the rest, the drift of the counts, which is added to the zero.
 """
 
 from dataclasses import dataclass, field
@@ -31,33 +31,33 @@ AXES = ('az', 'el')
 WORDS = {'az': 'azimuth', 'el': 'elevation'}
 #: key in a model's provenance
 KEY = 'zero_follows'
-#: harmonics of the angle that are the discs': off their axis, and tilted
+#: orders of the disc errors: eccentricity and tilt
 ORDERS = (1, 2)
 
 
 def harmonic_columns(angle, orders=ORDERS):
-    """cos and sin of the orders of an angle, shape (n, 2 len(orders))."""
+    """cos and sin of an angle for each order, shape (n, 2 len(orders))."""
     angle = np.asarray(angle, dtype=float)
     return np.stack([f(k * angle) for k in orders for f in (np.cos, np.sin)], axis=-1)
 
 
 @dataclass(frozen=True)
 class AxisFollowing:
-    """How the zero of one axis follows.
+    """Tracking parameters of the zero of one axis.
 
     Attributes
     ----------
     discs : ndarray, shape (4,)
-        Harmonics of incremental - absolute, see `harmonic_columns`, rad.
+        Disc harmonics of incremental - absolute, see `harmonic_columns`, rad.
     references : dict of int to float
-        Power-on -> incremental - absolute without the discs at which its zero is right, rad.
+        Power-on -> incremental - absolute, without discs, at which its zero is right, rad.
     noise : float
-        1 sigma of a difference: what following costs, rad.
+        1 sigma of a difference, the noise added by tracking, rad.
     step : float
-        1 sigma of what the counts drift on the way to a star, which is not known before, rad.
+        1 sigma of the unknown drift of the counts on the way to the next star, rad.
     starts : dict of int to float
-        Power-on -> when that of the absolute encoder began in which the reference was taken,
-        UTC s; without those for which it did not tell.
+        Power-on -> begin of the absolute encoder's power-on at the reference, UTC s; only
+        where it was reported.
     """
 
     discs: np.ndarray
@@ -67,15 +67,15 @@ class AxisFollowing:
     starts: dict = field(default_factory=dict)
 
     def stopped(self, run, start):
-        """Whether the absolute encoder is in another power-on than at the reference.
+        """Whether the absolute encoder was power-cycled since the reference.
 
-        What it has become zero of since then nobody knows: it is not to be followed.
+        Its zero is unknown since then, so it must not be tracked.
 
         Parameters
         ----------
         run : float or ndarray, shape (n,)
         start : float or ndarray, shape (n,)
-            When its power-on began, UTC s; NaN where it does not tell, and nothing has stopped.
+            Begin of its power-on, UTC s; NaN if not reported: then never stopped.
 
         Returns
         -------
@@ -88,9 +88,9 @@ class AxisFollowing:
         return out
 
     def moved(self, run, incremental, absolute):
-        """What the counts have drifted, rad; 0 in a power-on without a reference.
+        """Drift of the counts, rad; 0 in a power-on without a reference.
 
-        For an absolute encoder that is still in the power-on of that: see `stopped`.
+        Valid only without a power cycle of the absolute encoder: see `stopped`.
 
         Parameters
         ----------
@@ -108,12 +108,12 @@ class AxisFollowing:
 
 @dataclass(frozen=True)
 class Following:
-    """Which axes follow the absolute encoder, and how; none by default.
+    """Which axes track the absolute encoder, and how; none by default.
 
     Attributes
     ----------
     axes : dict of str to AxisFollowing
-        By ``az`` and ``el``.
+        Keys are ``az`` and ``el``.
     """
 
     axes: dict = field(default_factory=dict)
@@ -122,9 +122,9 @@ class Following:
         return bool(self.axes)
 
     def moved(self, run, incremental, absolute):
-        """What the counts have drifted, shape (2,) or (2, n), rad; `AxisFollowing.moved`.
+        """Drift of the counts, shape (2,) or (2, n), rad; see `AxisFollowing.moved`.
 
-        Readings that are not finite have not drifted.
+        Zero for readings that are not finite.
         """
         out = np.zeros(np.shape(incremental))
         for i, name in enumerate(AXES):
@@ -133,27 +133,27 @@ class Following:
         return out
 
     def stopped(self, run, start):
-        """Whether any axis no longer follows; as of `AxisFollowing.stopped`."""
+        """Whether tracking has stopped on any axis; see `AxisFollowing.stopped`."""
         shape = np.broadcast_shapes(np.shape(run), np.shape(start))
         return np.any([np.zeros(shape, bool), *(
             axis.stopped(run, start) for axis in self.axes.values())], axis=0)
 
     def sigma(self):
-        """What a zero that follows errs by for it, shape (2,), coordinate angles, rad."""
+        """Error of the zero due to tracking, shape (2,), coordinate angles, rad."""
         return np.array([np.hypot(self.axes[name].noise, self.axes[name].step)
                          if name in self.axes else 0.0 for name in AXES])
 
     def corrected(self, rows):
-        """The rows as an encoder would have given them whose counts do not drift.
+        """The rows corrected for the drift of the counts.
 
-        Rows that are measured (to fit by) are corrected with their own readings. For a row that
-        was pointed at blind (``check``) only what the row before it had shown is taken off: more
-        was not known when the mount was sent there.
+        Rows used for the fit are corrected with their own readings. A row that was pointed blind
+        (``check``) is corrected only with the drift of the previous row: no more was known when the
+        mount was sent there.
 
         Parameters
         ----------
         rows : PointingRun
-            In order of time, with ``run``, ``az_abs`` and ``el_abs``; without them as they are.
+            In order of time, with ``run``, ``az_abs`` and ``el_abs``; unchanged without them.
 
         Returns
         -------
@@ -189,7 +189,7 @@ class Following:
 
     @classmethod
     def from_model(cls, model):
-        """That a model goes with, as its provenance gives; ValueError where that is damaged."""
+        """The tracking in a model's provenance; ValueError if it is damaged."""
         entries = {} if model is None else model.provenance.get(KEY) or {}
         try:
             return cls({name: AxisFollowing(

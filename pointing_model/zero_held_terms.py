@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is held when a zero is set: terms with their covariance, as columns of unit variance."""
+"""Terms held fixed while a zero is set, with their covariance as columns of unit variance."""
 
 import numpy as np
 
@@ -22,34 +22,33 @@ from . import harmonics
 from .mounts import ALTAZ
 from .pointing_terms import design
 
-#: what a term may be where no model is given, 1 sigma: nothing is known but that the mount was set
-#: up with care (five minutes of arc)
+#: prior 1 sigma of a term without a model: the mount is only known to be set up with care (five
+#: minutes of arc)
 BROAD = 300.0 * ARCSEC
 
 
 def is_a_model(model):
-    """Whether a PointingModel, or None, says anything of the offsets."""
+    """Whether a PointingModel (or None) has any offsets."""
     return model is not None and bool(model.terms or model.harmonics is not None)
 
 
 class Held:
-    """The terms that are held while the zeros of the axes are determined, and how well they are
-    known.
+    """The terms held fixed while the zeros of the axes are determined, and their covariance.
 
     Parameters
     ----------
     model : PointingModel, optional
-        Its terms and harmonics, with their covariance. Without one (or with one that says
-        nothing) the physical terms of the mount but its zeros, each within `BROAD`.
+        Its terms and harmonics, with their covariance. Without one (or if it is empty): the
+        physical terms of the mount except its zeros, each zero within `BROAD`.
     mount : Mount, optional
-        Where no model gives it.
+        Used if no model gives it.
 
     Attributes
     ----------
     names : tuple of str
-        Of the terms.
+        Names of the terms.
     root : ndarray, shape (k, j)
-        Of their covariance C = root root', radians.
+        Root of their covariance C = root root', radians.
     mount : Mount
     """
 
@@ -69,13 +68,13 @@ class Held:
 
     @classmethod
     def certain(cls, mount=ALTAZ):
-        """Nothing is held that could be off: the noise of the exposures alone counts."""
+        """Nothing uncertain is held: only the noise of the exposures counts."""
         out = cls(None, mount)
         out.names, out.root = (), np.zeros((0, 0))
         return out
 
     def columns(self, az, el):
-        """What an error of one sigma in each direction of the covariance does on the sky.
+        """On-sky effect of a one-sigma error along each direction of the covariance.
 
         Parameters
         ----------
@@ -97,12 +96,12 @@ class Held:
 
 
 def zero_columns(az, el, mount=ALTAZ):
-    """What the zeros of both axes do on the sky, shape (2, n, 2), for unit coefficients."""
+    """On-sky effect of the zeros of both axes, shape (2, n, 2), for unit coefficients."""
     return np.stack(design(mount.names.index, az, el, mount))
 
 
 def _root(covariance):
-    """Of a covariance that may be singular, without the directions that are known exactly."""
+    """Square root of a possibly singular covariance, without the directions known exactly."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     keep = values > 1e-12 * max(values.max(initial=0.0), 0.0)
     return vectors[:, keep] * np.sqrt(values[keep])
