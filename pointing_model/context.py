@@ -372,7 +372,8 @@ class Context:
         if angle is None or np.ndim(angle) == 0 or len(self) < 2:
             return None
         angle = np.asarray(angle)
-        return self._from_before(lambda rows, last: np.abs(wrap(angle[rows] - angle[last])))
+        way = self._from_before(lambda rows, last: angle[rows] - angle[last])
+        return np.abs(wrap(way) if axis == 'az' else way)
 
     def _derive_unwrapped(self, axis):
         # place of the star, in the turn that the encoder reads
@@ -392,7 +393,8 @@ class Context:
         # a move of more than half a turn is real if the encoder counts whole turns, or if every
         # approach agrees with it: the mount then never passes the end of its circle
         far = np.abs(way) > 0.5 * _TURN
-        if np.ptp(angle) <= _TURN and not (side is not None and (side * way > 0.0)[far].all()):
+        if axis == 'az' and np.ptp(angle) <= _TURN and not (
+                side is not None and (side * way > 0.0)[far].all()):
             way = wrap(way)
         # more than half a turn, if the direction of approach shows it
         round_ = 0.0 if side is None or axis == 'el' else np.nan_to_num(side * way < 0.0) * (

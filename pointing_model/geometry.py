@@ -19,7 +19,7 @@ of sight is::
 
     s = T(AN, AW) Rz(-a) N(NPAE) Rx(e) b(CA),    b = (-sin CA, cos CA, 0)
 
-with the axis angles a = A_enc - IA and e = E_enc - IE - TF cos E. Rx turns about the elevation
+with the axis angles a = A_enc - IA and e = E_enc - IE. Rx turns about the elevation
 axis (to the right of the tube), N lifts the right end of that axis by NPAE, Rz turns the mount
 from north to east, and T is the shortest rotation that tilts the azimuth axis by (AN, AW) to
 north and west: T = exp of the rotation vector (-AN, -AW, 0). To first order this is the design
@@ -31,10 +31,9 @@ rotations. A place (a, e) with e beyond the pole is reached with cos e < 0: of t
 the one on that side is taken, so no sign has to be switched with the side. If errors act on the
 sky (`Mount.errors`), all of this is done at the place folded back to the sky.
 
-E in the flexure TF cos E is the catalogue elevation, as in the design columns and in every
-other empirical term. It is inverted by iteration; each step reduces the error by a factor TF. It
-lifts the line of sight toward the zenith: on an alt-azimuth mount it is added to the elevation,
-on other mounts the direction is rotated by it before the other rotations.
+The flexure TF cos E follows gravity on any mount: the direction is lifted by it toward the zenith
+before the rotations. E is the catalogue elevation, as in the design columns and in every other
+empirical term. It is inverted by iteration; each step reduces the error by a factor TF.
 """
 
 from math import cos, hypot, sin
@@ -46,7 +45,7 @@ from msg_tools.units import ARCSEC, wrap
 
 from .mount_kinds import CANONICAL
 from .mounts import ALTAZ, OF_MOUNT, sides
-from .pointing_terms import Trig
+from .pointing_terms import TERMS, Trig
 
 _TOLERANCE = 1e-8 * ARCSEC
 _STEPS = 50
@@ -93,27 +92,11 @@ def _tilted(place, wx, wy):
     return np.tensordot(turn, place, 1)
 
 
-def _height(place, zenith):
-    """Sine and cosine of the elevation, without the cancellation of 1 - sin^2 E at the zenith."""
-    beside = np.cross(np.asarray(place), zenith, axis=0)
-    return np.tensordot(zenith, place, 1), np.sqrt(np.sum(beside * beside, axis=0))
-
-
-def _lifted(place, tf, zenith):
-    """Unit vectors turned toward the zenith by TF cos E."""
-    sin_el, cos_el = _height(place, zenith)
-    along = tf * np.sinc(tf * cos_el / np.pi)
-    kept = np.cos(tf * cos_el) - along * sin_el
-    return kept * place + np.multiply.outer(zenith, along)
-
-
-def _lowered(place, tf, zenith, star):
-    """The inverse of `_lifted`: lowers `place` by as much as `star` is lifted."""
-    sin_el, cos_el = _height(place, zenith)
-    angle = tf * _height(star, zenith)[1]
-    along = np.sin(angle) / np.maximum(cos_el, 1e-150)
-    kept = np.cos(angle) + along * sin_el
-    return kept * place - np.multiply.outer(zenith, along)
+def _lift(trig, tf):
+    """By TF cos E toward the zenith: what to multiply a direction by, what to add of the zenith."""
+    angle = tf * trig.zenith.cos_el
+    along = tf * np.sinc(angle / np.pi)
+    return np.cos(angle) - along * trig.zenith.sin_el, np.multiply.outer(trig.mount.zenith, along)
 
 
 def _unit(trig):
@@ -145,11 +128,11 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
     """
     az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
     trig, known = Trig(az, el, mount), values(coefficients, mount)
-    ia, ie, *turning, tf = known
-    if any(turning) or (tf and not mount.vertical):
+    ia, ie, *turning = known
+    if any(turning):
         d_az, d_el, _ = _to_axes(trig, known)
     else:  # a perfect mount can point at its pole
-        d_az, d_el = ia, ie + tf * trig.cos_el
+        d_az, d_el = ia, ie
     return az + wrap(d_az), el + (d_el if trig.side is None else trig.side * wrap(d_el))
 
 
@@ -170,12 +153,13 @@ def _to_axes(trig, known):
     way : _AxisSolution
     """
     ia, ie, ca, npae, an, aw, tf = known
-    mount, sin_az, cos_az, sin_el, cos_el = (
-        trig.mount, trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el)
+    sin_az, cos_az, sin_el, cos_el = trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el
     sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
     place = _unit(trig)
-    if tf and not mount.vertical:
-        place = _lifted(place, tf, mount.zenith)
+    if tf:
+        kept, lifted = _lift(trig, tf)
+        place *= kept
+        place += lifted
     ux, uy, uz = _tilted(place, an, aw)
     sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
     vx = -cos_c * sin_n * sin_e - sin_c * cos_n
@@ -187,8 +171,6 @@ def _to_axes(trig, known):
     across, along = ux * cos_az - uy * sin_az, ux * sin_az + uy * cos_az
     d_az = np.arctan2(vy * across - vx * along, vx * across + vy * along)
     d_el = np.arctan2(sin_e * cos_el - cos_e * sin_el, cos_e * cos_el + sin_e * sin_el)
-    if mount.vertical:
-        d_el = d_el + tf * cos_el
     return d_az + ia, d_el + ie, _AxisSolution(ux, uy, horizontal, vx, vy, sin_e, cos_e)
 
 
@@ -232,7 +214,9 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
         vz = cos_c * cos_n * sin_e - sin_c * sin_n
         place = _tilted(np.array([vx * cos_a + vy * sin_a, vy * cos_a - vx * sin_a, vz]), -an, -aw)
         if star is not None:
-            place = _lowered(place, tf, mount.zenith, star)
+            kept, lifted = _lift(star, tf)
+            place -= lifted
+            place /= kept
         x, y, z = place
         side = np.where(vy < 0.0, -1.0, 1.0)
         az, el = np.arctan2(side * x, side * y), np.arctan2(z, side * np.hypot(x, y))
@@ -242,10 +226,7 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
     az, el = look(a, e)
     for _ in range(_STEPS):
         d_az, d_el = added(az, el) if added else (0.0, 0.0)
-        if mount.vertical:
-            az_new, el_new = look(a - d_az, e - d_el - tf * np.cos(el))
-        else:
-            az_new, el_new = look(a - d_az, e - d_el, _unit(Trig(az, el)) if tf else None)
+        az_new, el_new = look(a - d_az, e - d_el, Trig(az, el, mount) if tf else None)
         step = np.hypot(wrap(az_new - az) * np.cos(el_new), wrap(el_new - el))
         az, el = az_new, el_new
         open_ = step > _TOLERANCE
@@ -310,8 +291,7 @@ def linearised(trig, known, names):
         delta-A cos E and delta-E, radians, without the sign of the side.
     jacobian : dict of str to (ndarray or float, ndarray or float)
         On-sky columns (x, y) of each of `names`. Those of AN and AW neglect the square of the
-        tilt relative to one (4e-7 at 300"). That of TF is of first order, except for an
-        alt-azimuth mount.
+        tilt relative to one (4e-7 at 300"). That of TF is of first order.
     """
     d_az, d_el, way = _to_axes(trig, known)
     return wrap(d_az) * trig.cos_el, d_el, {
@@ -320,14 +300,13 @@ def linearised(trig, known, names):
 
 def _derivative(name, trig, known, way):
     """On-sky column (x, y) of one coefficient of `CANONICAL`, at the solution of `_to_axes`."""
-    mount, cos_el = trig.mount, trig.cos_el
+    cos_el = trig.cos_el
     if name == 'IA':
         return cos_el, 0.0
     if name == 'IE':
         return 0.0, 1.0
     if name == 'TF':
-        return (0.0, cos_el) if mount.vertical else tuple(
-            np.tensordot((0.0, 0.0, 1.0), t, 1) for t in mount.tangents(trig.az, trig.el))
+        return TERMS['TF'].of(trig)
     _, _, ca, npae, an, aw, _ = known
     ux, uy, horizontal, vx, vy, sin_e, cos_e = way
     sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)

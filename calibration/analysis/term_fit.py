@@ -53,12 +53,11 @@ _CLOSE = 0.05
 def _turning(names, mount):
     """Place -> name and sign of the rotation of an alt-azimuth mount, of terms that turn the mount.
 
-    The zeros of the axes, and the flexure of an alt-azimuth mount, have columns that stay.
+    The zeros of the axes have columns that stay.
     """
-    stay = ('IA', 'IE', 'TF') if mount.vertical else ('IA', 'IE')
     known = mount.names.terms
     return {i: known[name] for i, name in enumerate(names)
-            if name in known and known[name][0] not in stay}
+            if name in known and known[name][0] not in ('IA', 'IE')}
 
 
 class RotationProblem:

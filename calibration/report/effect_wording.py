@@ -58,8 +58,8 @@ def effect_summary(diagnosis, found):
     e = found.fitted.effect
     rms, used, more = found.removes_arcsec, diagnosis.weights > 0.0, []
     # on the axis where it goes farther
-    values = found.beyond[int(np.argmax(np.ptp(found.beyond, axis=1)))] if used.any() else \
-        np.zeros(0)
+    axis = int(np.argmax(np.ptp(found.beyond, axis=1))) if used.any() else 0
+    values = found.beyond[axis]
     alternatives = still_open(vars(found))
     if len(found.causes) > 1:
         where = acting_word(found, context.mount.names.axes, 'pointing')
@@ -92,7 +92,8 @@ def effect_summary(diagnosis, found):
                     f'within {memory:g}° of motion (its memory)'
                     + ('; the data do not determine the distance.' if open_
                        else '. A short move shows less of it.'))
-    reach = float(np.ptp(values)) if len(values) else 0.0
+    # what the terms would take up goes as far as the effect itself, at most
+    reach = float(min(np.ptp(values), np.ptp(found.offsets[axis][used]))) if used.any() else 0.0
     return Statement(_lead(seen, rms, reach, own),
                      ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), reach)
 

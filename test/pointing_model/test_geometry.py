@@ -37,8 +37,8 @@ def test_inverse_kinematics_against_rotation_matrices():
     az_enc, el_enc = geometry.sky_to_encoder(az, el, LARGE)
     for i in range(200):
         a = az_enc[i] - LARGE['IA']
-        e = el_enc[i] - LARGE['IE'] - LARGE['TF'] * np.cos(el[i])
-        star = [np.cos(el[i]) * np.sin(az[i]), np.cos(el[i]) * np.cos(az[i]), np.sin(el[i])]
+        e, high = el_enc[i] - LARGE['IE'], el[i] + LARGE['TF'] * np.cos(el[i])
+        star = [np.cos(high) * np.sin(az[i]), np.cos(high) * np.cos(az[i]), np.sin(high)]
         assert np.linalg.norm(forward_by_matrices(a, e, LARGE) - star) < 1e-9 * ARCSEC + 5e-15
 
 
@@ -124,7 +124,8 @@ def test_jacobian_by_differences():
         for axis in (0, 1):
             difference = (plus[axis] - minus[axis]) / (2 * h)
             np.testing.assert_allclose(
-                np.broadcast_to(jacobian[name][axis], az.shape), difference, atol=2e-6)
+                np.broadcast_to(jacobian[name][axis], az.shape), difference,
+                atol=4e-3 if name == 'TF' else 2e-6)  # that of TF is of first order
 
 
 def test_unknown_coefficient():

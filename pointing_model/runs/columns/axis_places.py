@@ -230,14 +230,12 @@ def to_axes(path, table, mount):
         else:
             columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
         sound = table.reasons == 0  # what else the others hold is to be seen as it was written
-        for az, el in pairs:
-            columns[az] = np.where(sound, wrap(columns[az]), columns[az])
-            columns[el] = np.where(sound, columns['el'] + wrap(columns[el] - columns['el']),
-                                   columns[el])
-        if pairs:
-            az = pairs[0][0]
-            columns['az'] = np.where(sound, columns[az] + wrap(columns['az'] - columns[az]),
-                                     columns['az'])
+        first, second = mount.on_travel(columns['az'], columns['el'])
+        columns['az'] = np.where(sound, np.where(beyond, first, wrap(columns['az'])), columns['az'])
+        columns['el'] = np.where(sound & beyond, second, columns['el'])
+        for name, place in ((name, place) for pair in pairs for name, place in zip(pair, PAIRS[0])):
+            columns[name] = np.where(sound, columns[place] + wrap(columns[name] - columns[place]),
+                                     columns[name])
     _turn_on_sky(columns, beyond)
     if beyond.any():
         meta['notes'].append(f'{int(beyond.sum())} of {len(beyond)} rows are through the pole, on '

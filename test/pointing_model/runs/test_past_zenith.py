@@ -77,12 +77,11 @@ def test_readings_beyond_the_zenith_are_those_of_rotation_matrices():
     rng = np.random.default_rng(2)
     az, el = rng.uniform(-3.0, 3.0, 200), rng.uniform(0.2, np.pi - 0.2, 200)
     az_enc, el_enc = geometry.sky_to_encoder(az, el, LARGE)
-    star = ALTAZ.direction(az, el).T
+    # gravity pulls the tube down on the sky, on either side of the zenith
+    star = ALTAZ.direction(az, el + LARGE['TF'] * np.cos(el)).T
     assert np.ptp(np.sign(np.cos(el_enc))) == 2.0 and np.abs(el_enc - el).max() < 0.01
     for i in range(200):
-        # gravity pulls the tube down on the sky: what is added to the axis is reversed beyond
-        sight = forward_by_matrices(az_enc[i] - LARGE['IA'],
-                                    el_enc[i] - LARGE['IE'] - LARGE['TF'] * np.cos(el[i]), LARGE)
+        sight = forward_by_matrices(az_enc[i] - LARGE['IA'], el_enc[i] - LARGE['IE'], LARGE)
         assert np.linalg.norm(sight - star[i]) < 1e-9 * ARCSEC + 5e-15
 
 
@@ -111,7 +110,8 @@ def test_columns_and_derivatives_beyond_the_zenith_are_the_differences():
         plain = geometry.offsets(az, el, {name: h})
         for k in range(2):
             np.testing.assert_allclose(np.broadcast_to(jacobian[name][k], 50),
-                                       (more[k] - less[k]) / (2 * h), atol=1e-5)
+                                       (more[k] - less[k]) / (2 * h),
+                                       atol=4e-3 if name == 'TF' else 1e-5)  # of first order
             np.testing.assert_allclose(first[k][:, i], plain[k] / h, atol=1e-4)
 
 

@@ -89,14 +89,18 @@ def test_written_and_read_again(tmp_path):
 
 def test_catalogue_on_the_sky_and_readings_beyond_the_pole(read):
     run = read(HEAD + 'ha_deg,dec_deg,ha_enc_deg,dec_enc_deg\n'
-               '-30,20,150.1,160.2\n30,20,30.1,20.2\n')
-    assert is_beyond(run['el']).tolist() == [True, False]
+               '-30,20,150.1,160.2\n-14,-20,166.1,200.2\n30,20,30.1,10.2\n')
+    assert is_beyond(run['el']).tolist() == [True, True, False]
     x, y = run.offsets()
     # through the pole both offsets are those of the axes
-    np.testing.assert_allclose(np.array(y) / DEG, [0.2, 0.2], atol=1e-9)
-    np.testing.assert_allclose(np.array(x) / DEG, [-0.1 * np.cos(20 * DEG), 0.1 * np.cos(20 * DEG)],
+    np.testing.assert_allclose(np.array(y) / DEG, [0.2, 0.2, -9.8], atol=1e-9)
+    np.testing.assert_allclose(np.array(x) / DEG, np.array([-0.1, -0.1, 0.1]) * np.cos(20 * DEG),
                                atol=1e-9)
-    assert any('1 of 2 rows are through the pole' in note for note in run.meta['notes'])
+    assert any('2 of 3 rows are through the pole' in note for note in run.meta['notes'])
+    # the second axis came back from 200 to 10 degrees through the pole, all the way
+    assert run['approach_el'].tolist() == [0, 1, -1]
+    way = Context.from_run(run).get('travel_el')
+    np.testing.assert_allclose(way[1:] / DEG, [40.0, 190.0], atol=1e-9)
 
 
 @pytest.mark.parametrize('side', [('west', 'east'), ('-1', '1'), ('1', '0')])
