@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The topics and the parameter from which a node knows what is active."""
+"""Subscriptions and the parameter that keep a node's active calibration up to date."""
 
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
@@ -27,16 +27,16 @@ MODEL_FILE = Param('model_file', '', 'active pointing model at the start (JSON o
 
 
 def active_calibration_of(node, changed=lambda topic: None, mount=None):
-    """What is active for `node`, kept up to date.
+    """The active calibration of `node`, kept up to date by its topics.
 
     Parameters
     ----------
     node : MountNode
         With the parameter `MODEL_FILE`.
     changed : callable
-        Called with ``topics.MODEL``, ``topics.ZERO`` or ``topics.HOMING`` after each of them.
+        Called with ``topics.MODEL``, ``topics.ZERO`` or ``topics.HOMING`` after each message.
     mount : Mount, optional
-        Of which the models must be.
+        The mount that the models must have.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def active_calibration_of(node, changed=lambda topic: None, mount=None):
             now.update_zero(*found)
             changed(topics.ZERO)
 
-    # of what waits to be taken, the thermometer comes first, and the model before its zero
+    # of waiting messages the temperature is taken first, and the model before its zero
     for topic, callback in ((topics.AMBIENT, on_temperature), (topics.HOMING, on_homing),
                             (topics.MODEL, on_model), (topics.ZERO_IDENTITY, on_zero),
                             (topics.ZERO, on_zero)):

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The way back to the bolts: how far the parts of a mount have to be moved to stand true.
+"""Mechanical corrections: how far to move the bolts, feet or shims of a mount to align it.
 
-The terms of the first axis lean it by exact rotations (`geometry`). Of an equatorial mount its end
-above the horizon has an azimuth and an altitude, and each of two bolts moves one of them where
-the base is level: MA / cos(latitude) is the turn in azimuth to first order alone (57" wrong after
+The terms of the first axis tilt it by exact rotations (`geometry`). On an equatorial mount the end
+of the axis above the horizon has an azimuth and an altitude, and on a level base each of two bolts
+moves one of them: MA / cos(latitude) is the turn in azimuth to first order only (57" wrong after
 two rounds at 70 degrees). In the axis frame (x west, y to the meridian, z north pole) the pole is
 
     p = (MA sin t / t, ME sin t / t, cos t),    t = hypot(MA, ME)
 
-and in the south the end above the horizon is -p: MA > 0 wants the base clockwise, seen from
-above, in both hemispheres, and ME > 0 a lower axis in the north and a higher one in the south.
+In the south the end above the horizon is -p: MA > 0 needs the base turned clockwise, seen from
+above, in both hemispheres; ME > 0 needs a lower axis in the north and a higher one in the south.
 """
 
 from dataclasses import dataclass
@@ -31,28 +31,28 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-#: nearer to a pole of the Earth than this no bolt in azimuth moves the axis, rad
+#: closer to a pole of the Earth than this an azimuth bolt does not move the axis, rad
 _POLAR = 1.0 * DEG
 _STEP = 1e-6
 
 
 @dataclass(frozen=True)
 class PolarAxis:
-    """Where the polar axis points, its end above the horizon.
+    """Direction of the polar axis, at its end above the horizon.
 
     Attributes
     ----------
     azimuth, altitude : float
         Of the axis, rad; azimuth from north through east.
     azimuth_error, altitude_error : float
-        Axis minus pole, rad: the base has to be turned by as much the other way. A larger azimuth
-        is clockwise, seen from above.
+        Axis minus pole, rad: turn the base by the opposite amount. A larger azimuth is clockwise,
+        seen from above.
     covariance : ndarray, shape (2, 2)
-        Of azimuth and altitude, rad^2.
+        Covariance of azimuth and altitude, rad^2.
     latitude : float
         rad.
     pole : float
-        Altitude of the pole that is meant, rad.
+        Altitude of the reference pole (true or refracted), rad.
     """
 
     azimuth: float
@@ -88,7 +88,7 @@ class PolarAxis:
 
 
 def _angles(tilts, latitude):
-    """Azimuth and altitude of the end of the axis above the horizon; MA and ME, rad."""
+    """Azimuth and altitude of the end of the axis above the horizon, from MA and ME, rad."""
     ma, me = tilts
     size = np.hypot(ma, me)
     along = np.sinc(size / np.pi)
@@ -101,15 +101,15 @@ def _angles(tilts, latitude):
 
 
 def polar_axis(model, refraction=0.0):
-    """Where the polar axis of a fitted equatorial mount points.
+    """Direction of the polar axis of a fitted equatorial mount.
 
     Parameters
     ----------
     model : PointingModel
         With MA and ME.
     refraction : float
-        By how much the pole that is meant is above the true one, rad. The terms of a fit are
-        against the true pole, where the refraction is in the places of its stars.
+        Height of the reference pole above the true one, rad. Fitted terms refer to the true
+        pole if refraction is applied to the star places.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def polar_axis(model, refraction=0.0):
     Raises
     ------
     ValueError
-        Another mount, MA or ME not fitted or undetermined, or a pole of the Earth.
+        Another mount, MA or ME not fitted or undetermined, or a site at a pole of the Earth.
     """
     mount = model.mount
     if not mount.celestial:
@@ -131,7 +131,7 @@ def polar_axis(model, refraction=0.0):
 
 
 def axis_at(place, latitude, refraction=0.0, covariance=None):
-    """A `PolarAxis` by where its end above the horizon is, azimuth and altitude, rad."""
+    """A `PolarAxis` from azimuth and altitude of its end above the horizon, rad."""
     pole = abs(latitude) + refraction
     return PolarAxis(
         float(place[0] % (2.0 * np.pi)), float(place[1]),
@@ -140,7 +140,7 @@ def axis_at(place, latitude, refraction=0.0, covariance=None):
 
 
 def _of(model, names):
-    """Values and covariance of terms; ValueError where they are not known."""
+    """Values and covariance of terms; ValueError if they are not fitted or undetermined."""
     missing = [name for name in names if name not in model.terms]
     if missing:
         raise ValueError(f'{", ".join(missing)} is not among the terms of the model: fit it')
@@ -154,7 +154,7 @@ def _of(model, names):
 
 
 def _carried(function, values, covariance):
-    """A covariance carried through a function of a few values."""
+    """Covariance propagated through a function of a few values."""
     steps = _STEP * np.eye(len(values))
     slopes = np.stack([wrap(function(values + d) - function(values - d)) / (2.0 * _STEP)
                        for d in steps], axis=-1)
@@ -163,17 +163,17 @@ def _carried(function, values, covariance):
 
 @dataclass(frozen=True)
 class Shim:
-    """What squares the tube on its mount.
+    """The shim that aligns the tube with its mount.
 
     Attributes
     ----------
     angle, sigma : float
-        By which the line of sight is to the left of the tube's square, rad.
+        Angle of the line of sight to the left of the square direction, rad.
     thickness, thickness_sigma : float
-        Under one end of the base, in the unit of its length.
+        Thickness of the shim under one end of the base, in the unit of the base's length.
     rear : bool
-        Under the rear end, seen along the tube, of a saddle on the right of the tube; else under
-        the front one.
+        Whether it goes under the rear end, seen along the tube, of a saddle on the right of the
+        tube; otherwise under the front end.
     """
 
     angle: float
@@ -184,18 +184,17 @@ class Shim:
 
 
 def cone_shim(model, base):
-    """The shim that takes the cone error off.
+    """The shim that removes the cone error.
 
-    A line of sight left of the square (CH > 0, of a German mount away from the saddle, which is
-    on the right of the tube that looks forward and up) comes back where the rear end is moved
-    left.
+    A line of sight left of square (CH > 0; on a German mount away from the saddle, which is on the
+    right of the tube when that looks forward and up) is corrected by moving the rear end left.
 
     Parameters
     ----------
     model : PointingModel
-        With the collimation (CH, or what the mount has for it).
+        With the collimation term (CH, or its name on this mount).
     base : float
-        Distance of the points that carry the tube, any unit of length.
+        Distance between the supports of the tube, any unit of length.
 
     Returns
     -------
@@ -216,20 +215,20 @@ def cone_shim(model, base):
 
 @dataclass(frozen=True)
 class Feet:
-    """How high the feet of a base have to be lifted.
+    """How high to lift the feet of a base.
 
     Attributes
     ----------
     azimuths : ndarray, shape (n,)
-        From the middle of their circle, rad.
+        Azimuths of the feet from the centre of their circle, rad.
     lifts : ndarray, shape (n,)
-        In the unit of the radius; the highest foot stays.
+        In the unit of the radius; the highest foot is not lifted.
     sigmas : ndarray, shape (n,)
-        Of the lift against the middle of the circle.
+        Standard errors of the lifts relative to the centre of the circle.
     tilt : float
-        Of the axis, rad,
+        Tilt of the axis, rad.
     toward : float
-        and the azimuth toward which it is tilted.
+        Azimuth toward which it is tilted, rad.
     """
 
     azimuths: np.ndarray
@@ -240,16 +239,16 @@ class Feet:
 
 
 def foot_lifts(model, radius, azimuths):
-    """The lifts of feet that bring the azimuth axis of an alt-azimuth mount upright.
+    """Lifts of the feet that make the azimuth axis of an alt-azimuth mount vertical.
 
     Parameters
     ----------
     model : PointingModel
         With AN and AW.
     radius : float
-        Of the circle of the feet, any unit of length.
+        Radius of the circle of feet, any unit of length.
     azimuths : array_like, shape (n,)
-        Of the feet, rad, three or more.
+        Azimuths of three or more feet, rad.
 
     Returns
     -------
@@ -269,7 +268,7 @@ def foot_lifts(model, radius, azimuths):
     tilts, covariance = _of(model, ('AN', 'AW'))
 
     def heights(values):
-        # the plane across the axis: the side toward which it is tilted is low
+        # plane perpendicular to the axis: low on the side toward which it is tilted
         size = np.hypot(*values)
         north, west = np.asarray(values) * np.sinc(size / np.pi)
         return radius * (north * np.cos(azimuths) - west * np.sin(azimuths)) / np.cos(size)

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the bolts of an equatorial mount have done, from images between their turns.
+"""Motion of the polar axis by its bolts, from images taken between the turns.
 
-Three images at different hour angles, the second axis at rest, lie on a circle about the polar
-axis, wherever the tube points: three are enough, and no zero, cone error or declination enters.
-While the bolts are turned one image is enough: where the tube would look with these readings had
-nobody turned a bolt, and where it looks, differ by a turn about the hinge and one about the
-vertical, on a level base, which is two angles from two.
+Three images at different hour angles with the second axis at rest lie on a circle about the polar
+axis, wherever the tube points. They determine the axis without any zero, cone error or
+declination. While the bolts are turned one image is enough: on a level base the place where the
+tube would point at these readings with untouched bolts, and the place where it points, differ by a
+turn about the hinge and one about the vertical: two unknown angles from two measured ones.
 """
 
 from typing import NamedTuple
@@ -30,11 +30,11 @@ from pointing_model.mounts import ALTAZ, unit_vector
 
 from .bolts_and_feet import axis_at
 
-#: two images of an arc are this far apart in hour angle
+#: least separation in hour angle of two images of an arc
 LEAST_TURN = 5.0 * DEG
-#: by how much the second axis may be off between them
+#: largest difference of the second axis between them
 AT_REST = 60.0 * ARCSEC
-#: turn of an arc by the images against that by the readings, for which they agree
+#: relative tolerance between the turn of an arc in the images and in the readings
 _AGREES = 0.05
 _STEP = 1e-6
 
@@ -47,9 +47,9 @@ class Image(NamedTuple):
     first, second : float
         Readings of the axes, rad.
     place : ndarray, shape (3,)
-        Where it looked: east, north, up of the observed place.
+        Direction that it points to: east, north, up of the observed place.
     sigma : float
-        Of the place, an axis, rad.
+        1 sigma of the place per axis, rad.
     time : float
         UTC, s.
     name : str
@@ -64,7 +64,7 @@ class Image(NamedTuple):
 
 
 def turned_about(vector, axis, angle):
-    """Vectors turned about a unit vector, right-handed (Rodrigues)."""
+    """Vectors rotated about a unit vector, right-handed (Rodrigues)."""
     vector = np.asarray(vector, float)
     return (vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle)
             + np.multiply.outer(vector @ axis, axis) * (1.0 - np.cos(angle)))
@@ -87,7 +87,7 @@ def _tangents(place):
 
 
 def axis_of_arc(images, latitude, refraction=0.0):
-    """Where the polar axis points, from images between turns of the first axis alone.
+    """Direction of the polar axis, from images between turns of the first axis alone.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def axis_of_arc(images, latitude, refraction=0.0):
     latitude : float
         rad.
     refraction : float
-        Of the pole that is meant, rad.
+        Refraction at the reference pole, rad.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def axis_of_arc(images, latitude, refraction=0.0):
     Raises
     ------
     ValueError
-        Fewer than three, the second axis moved, or the readings turn otherwise than the images.
+        Fewer than three images, a moved second axis, or readings that disagree with the images.
     """
     if len(images) < 3:
         raise ValueError(f'{len(images)} images; three at different hour angles give the axis')
@@ -132,7 +132,7 @@ def axis_of_arc(images, latitude, refraction=0.0):
 
 
 def _check_turn(images, axis, latitude):
-    """Refuse readings that turn otherwise than what the images show."""
+    """Refuse readings whose turn disagrees with the images."""
     first, last = images[0], images[-1]
     a, b = (one.place - (one.place @ axis) * axis for one in (first, last))
     seen = -np.arctan2(np.cross(a, b) @ axis, a @ b) * (1.0 if latitude >= 0.0 else -1.0)
@@ -146,7 +146,7 @@ def _check_turn(images, axis, latitude):
 
 
 def expected(reference, axis, first, latitude):
-    """Where the tube looks once the first axis reads `first`, had nothing else moved.
+    """Where the tube points when the first axis reads `first`, if nothing else has moved.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def expected(reference, axis, first, latitude):
 
 
 def _turns(before, after, azimuth):
-    """Turn in azimuth and lift of the axis that bring one place to the other, rad."""
+    """Turn in azimuth and in altitude of the axis that takes one place to the other, rad."""
     hinge = np.array([np.cos(azimuth), -np.sin(azimuth), 0.0])
     upward = np.cross(hinge, before)[2]
     size = np.hypot(before[2], upward)
@@ -180,17 +180,17 @@ def _turns(before, after, azimuth):
 
 
 def axis_after(axis, before, image, sigma=0.0):
-    """Where the axis points after its bolts were turned, from one image.
+    """Direction of the axis after its bolts were turned, from one image.
 
     Parameters
     ----------
     axis : PolarAxis
-        Before.
+        The axis before the turn.
     before : ndarray, shape (3,)
-        Where the tube would look with the readings of the image, had no bolt been turned.
+        Where the tube would point at the readings of the image with untouched bolts.
     image : Image
     sigma : float
-        Of `before`, an axis, rad.
+        1 sigma of `before` per axis, rad.
 
     Returns
     -------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What RViz and Foxglove draw: the mount as it stands, where it looks, where it is sent."""
+"""The display for RViz and Foxglove: the mount, its line of sight and its target."""
 
 import time
 
@@ -34,9 +34,9 @@ PARAMS = (
           'which does', fixed=True),
 )
 BORESIGHT, STAR = (0.2, 0.7, 1.0), (1.0, 0.85, 0.2)
-#: s after which it is drawn again for those who came late
+#: s after which everything is drawn again for late subscribers
 AGAIN = 1.0
-#: numbers of the markers that are no parts
+#: ids of the markers that are not parts of the mount
 LOOKS, SENT = 1000, 1001
 
 
@@ -62,7 +62,7 @@ class MountDisplay(MountNode):
             raise ValueError(f'joints {" and ".join(convert.joints_of(message.name))}, and the '
                              f'mount has {" and ".join(self._mount.names.keys)}')
         stamp, angles, rates, _ = convert.read_joints(message)
-        if np.isfinite(angles).all():  # where it is before it is homed nobody knows
+        if np.isfinite(angles).all():  # not finite before homing: position unknown
             self._reading, self._new = (stamp, angles, rates), True
 
     def _on_request(self, message):
@@ -94,7 +94,7 @@ class MountDisplay(MountNode):
                 continue
             place, turned = placed(part, frames)
             cylinder = len(part.size) == 2
-            # of a cylinder both diameters
+            # a cylinder has both diameters
             size = (2.0 * part.size[0], 2.0 * part.size[0], part.size[1]) if cylinder else part.size
             marker = _marker(stamp, number, Marker.CYLINDER if cylinder else Marker.CUBE,
                              part.colour, size)
@@ -119,7 +119,7 @@ class MountDisplay(MountNode):
                 yield marker
 
     def required(self):
-        """A mount to draw."""
+        """The encoder topic, without which there is no mount to draw."""
         return {self.resolve_topic_name(topics.INCREMENTAL.name)}
 
 

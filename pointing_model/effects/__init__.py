@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Candidate effects: what a mount may do beyond its declared terms, and how it would show.
+"""Candidate effects: errors of a mount beyond its declared terms, and their signatures.
 
-A module a cause: each effect with its columns, its driver, its name in TPOINT, when it may be
-tried, its sentence for people and what to look at on the mount. All modules of this package are
-found by themselves; the order of effects that are not in `ORDER` follows their names.
+One module per cause. It has the columns of each effect, its driver, its name in TPOINT, when it
+may be tested, a sentence for people and what to check on the mount. All modules of this package
+are imported automatically; effects that are not in `ORDER` come last, by module name.
 
 Sources: TPOINT (P. T. Wallace, names of terms), paper 000 (circular gratings, drift of the zero),
 paper 001 (bars of a coded disc, decoding), the Explanatory Supplement (aberration, equinox),
@@ -41,8 +41,8 @@ __all__ = ['PERIODS', 'Amount', 'Effect', 'changes', 'declared_graduation', 'dec
 _MODULES = [import_module(f'.{name}', __name__)
             for name in sorted(module.name for module in iter_modules(__path__))]
 
-#: The dictionary's order, by form (and axis, where it is offered axis by axis); what is not here
-#: follows. Of equal scores the first wins, so another order is another result.
+#: Order of the dictionary, by form (and axis, if offered per axis); others follow. The first of
+#: equal scores wins, so the order affects results.
 ORDER = ('term', 'terms', 'encoder', 'bearing_wobble', 'nod', 'line_of_sight',
          'elevation_axis_wobble', 'fork_cross_term', 'diurnal_aberration', 'bent_to_one_side',
          'latitude', 'clock', 'annual_aberration', 'epoch_error', 'drift', 'hysteresis az',
@@ -56,18 +56,18 @@ def dictionary(context, lacking=(), own=()):
     Parameters
     ----------
     context : Context
-        Of the run.
+        Context of the run.
     lacking : sequence of str, optional
-        Names of terms of the mount that the declared model does not have: candidates too.
+        Terms of the mount that the declared model lacks: these are candidates, too.
     own : sequence of str, optional
-        Terms that each run fits for itself.
+        Terms fitted separately for each run.
 
     Returns
     -------
     effects : list of Effect
-        What can be tested.
+        Effects that can be tested.
     untestable : list of (str, str)
-        Effect (or its driver) and the reason why it cannot be tested in this run.
+        Effect (or its driver), and the reason why it cannot be tested in this run.
     """
     offers = [o for module in _MODULES if hasattr(module, 'propose')
               for o in module.propose(context, tuple(lacking), tuple(own))]

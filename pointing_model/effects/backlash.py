@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Backlash and hysteresis: an axis reads differently by the side that it came from."""
+"""Backlash and hysteresis: the reading of an axis depends on the direction of approach."""
 
 import numpy as np
 
@@ -21,13 +21,13 @@ from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import AXES, Effect, arcsec, effect, form, offer, single_rows
 
-#: after how many degrees of its way a side is complete, tried
+#: travel after which a reversal is complete, values tried, degrees
 MEMORIES = (3.0, 10.0, 30.0)
 
 
 @form
 def _hysteresis(axis, shape='1', memory_deg=0.0, mount=USUAL):
-    """Offset by the direction of approach, times 1 or cos E, reached after some degrees."""
+    """Offset by the direction of approach, times 1 or cos E, complete after some degrees."""
     names = KINDS[mount]
     length = memory_deg * DEG
     requires = (f'approach_{axis}',)
@@ -37,12 +37,12 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount=USUAL):
     def of(c):
         sign = c.get(f'approach_{axis}')
         if length:
-            # a move leaves part of the old side behind; unknown before: fully on the new side
+            # a short move leaves part of the old offset; if unknown, the reversal is complete
             before = np.where(np.isnan(c.get(f'before_{axis}')), sign, c.get(f'before_{axis}'))
             travel = np.where(np.isnan(c.get(f'travel_{axis}')), np.inf, c.get(f'travel_{axis}'))
             sign = sign + (before - sign) * np.exp(-travel / length)
         value = sign * c.trig.cos_el if shape == 'cosE' else sign
-        # of azimuth: of the encoder's angle, x cos E on the sky; or of the line of sight
+        # azimuth: an error of the encoder angle (x cos E on the sky), or of the line of sight
         return [(value, 0.0) if axis == 'az' else (0.0, value)]
 
     def wording(amount):
@@ -81,13 +81,13 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount=USUAL):
                   'encoder' + ', play of mirror cell and focuser' * ((axis, shape) == ('az', '1'))
                   + '; until then approach stars from one side', seen, summary,
                   requires=requires,
-                  # how many degrees it takes to be complete makes no other cause
+                  # the memory length does not make it another cause
                   mechanism=f'hysteresis of {axis}, {shape}',
                   scan=f'memory_{axis}{tail}' if length else None)
 
 
 def propose(context, lacking, own):
-    """Where both sides of approach are known in some rows; with memory, that before too."""
+    """If both directions of approach occur in some rows; with memory, the previous one, too."""
     for axis in AXES:
         against = single_rows(context, f'approach_{axis}', -1.0, 1.0)
         for driver, what, memories in (('approach', '', (0.0,)),

@@ -12,21 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an effect is, and the registry of their forms.
+"""Definition of an effect, and the registry of forms of effects.
 
-An effect is a group of first-order columns (x, y), on the sky, encoder - catalogue, that belong
-together physically, with the driver that makes it visible. The same object evaluates them for a
-run (to look for it) and for a pointing (to correct it). A row whose driver is unknown (NaN, or a
-column that is not there) gets zero: the drivers are centred, so this is the effect's value in the
-middle of the run that it was found in.
+An effect is a group of first-order columns (x, y), encoder - catalogue on the sky, that belong
+together physically, and the driver that reveals it. The same object evaluates them for a run (to
+detect it) and for a pointing (to correct it). Rows with an unknown driver (NaN, or a missing
+column) get zero: drivers are centred, so this is the effect in the middle of the run where it was
+found.
 
-A new effect is a function with `form` that builds it, and a line in its module's
-``propose(context, lacking, own)``, which yields an `Offer` that says when it may be tried:
-nothing outside that module.
+A new effect needs a function with `form` that builds it, and a line in its module's
+``propose(context, lacking, own)``, which yields an `Offer` that says when it may be tested.
+Nothing outside that module changes.
 
-What an axis does has the same columns in every mount, by the angles of its axes; what gravity, the
-air and the stars do is turned into them by `Trig.lifted` and `Context.tangent`. A form with the
-parameter ``mount`` (a key of `mounts.KINDS`) is called by the names of the axes there; `dictionary`
+Errors of an axis have the same columns on every mount, in its axis angles. Effects of gravity, air
+and stars are converted to them by `Trig.lifted` and `Context.tangent`. A form with the
+parameter ``mount`` (a key of `mounts.KINDS`) uses the names of that mount's axes; `dictionary`
 fills it in.
 """
 
@@ -40,26 +40,26 @@ import numpy as np
 from pointing_model.mount_kinds import KINDS, USUAL
 
 AXES = {'az': 'azimuth', 'el': 'elevation'}
-#: what a check of a cause takes, the cheapest first
+#: effort to check a cause, the cheapest first
 EFFORTS = ('settings and files only', 'visual inspection, no disassembly', 'a part must be opened')
-#: rows on each side, below which a driver of two levels is carried by single rows
+#: with fewer rows on a side, a driver of two levels depends on single rows
 FEWEST_ON_A_SIDE = 3
 
 
 @dataclass(frozen=True)
 class Amount:
-    """How large an effect is in a run, for its sentence.
+    """Size of an effect in a run, for its sentence.
 
     Attributes
     ----------
     values : ndarray, shape (k,)
         Coefficients in the effect's unit (arcsec, s, ...).
     rms : float or None
-        Of what it leaves on the stars of the run if it is not in the model, arcsec.
+        RMS error on the stars of the run if it is left out of the model, arcsec.
     span : tuple of float or None
         Lowest and highest value of its driver in the run.
     clock : callable or None
-        A time (s) as text.
+        Formats a time (s) as text.
     """
 
     values: np.ndarray
@@ -80,61 +80,61 @@ class Effect:
     Attributes
     ----------
     name : str
-        Unique.
+        Unique name.
     cause, formula : str
-        In plain words; columns (x, y) for each coefficient.
+        Cause in plain words; columns (x, y) for each coefficient.
     driver : str
-        Name in `Context.get`.
+        Driver name in `Context.get`.
     axes : {'az', 'el', 'both'}
-        Where it acts.
+        Axes in which it acts.
     coefficient_names : tuple of str, length k
     of : callable
         `Context` -> list of k pairs (x, y); 0.0 is zero everywhere.
     wording : callable, optional
-        `Amount` -> what goes wrong, in a sentence without its full stop that needs no formula; by
-        default the cause.
+        `Amount` -> sentence that says what goes wrong, without formulas and full stop; by default
+        the cause.
     shape : str
-        What the error looks like, e.g. "a wave of the azimuth, twice per turn": that much is seen,
-        whatever its cause. By default that it follows its driver.
+        Observed form of the error, whatever its cause, e.g. "a wave of the azimuth, twice per
+        turn". By default: a dependence on its driver.
     only_shape : bool
-        Whether the shape is all that speaks for the cause, and other things than effects of the
-        dictionary make it, too: even alone it is reported as one possibility.
-    told : str
-        The cause as people are told it beside others, the same of effects that are one cause; by
-        default `cause`.
+        Whether the shape is the only evidence for the cause, and things outside the dictionary
+        make it, too: then it is reported as one possibility only.
+    summary : str
+        Short cause for lists of alternatives, the same for effects of one cause; by default
+        `cause`.
     look_at : str
-        What to look at on the mount.
+        What to check on the mount.
     unit : str
-        Of a coefficient; ``'s'`` and ``'yr'`` are written as that many "arcsec".
+        Unit of a coefficient; ``'s'`` and ``'yr'`` are written as that many "arcsec".
     tpoint : str or None
         Names of the same terms in TPOINT.
     requires : tuple of str
-        Drivers without which it cannot be tested.
+        Drivers needed to test it.
     alias : str or None
-        Terms that it equals exactly, in words.
+        Terms that it is identical to, in words.
     mechanism : str or None
-        Effects that share it are one cause, and no rivals of each other.
+        Effects with the same mechanism are one cause, not competitors.
     scan : str or None
-        Members of one scan (unknown time of a step, ...) share this name: one of them is meant.
+        Common name of the members of one scan (unknown time of a step, ...), of which at most
+        one is real.
     scanned : float
-        Parameters that the scan tries: each costs an extra ln n; a choice among few costs less.
+        Number of scanned parameters: each costs an extra ln n; a choice among few costs less.
     searched : tuple of str
-        Names of these parameters: what is found is refined between the members that are tried next
-        to it.
+        Names of these parameters: the best member is refined between its neighbours.
     share : str
-        A key of `false_alarms.SHARES`, the part of these that it may use: 'dictionary', or
-        'scans' of what is tried at many places, widths, periods or lags.
+        A key of `false_alarms.SHARES`, its part of the false-alarm budget: 'dictionary', or
+        'scans' for effects tried at many places, widths, periods or lags.
     kind : {'effect', 'smooth', 'known'}
-        'smooth': a curve without a cause; 'known': an amount that is not fitted.
+        'smooth': a curve without a cause; 'known': a fixed amount that is not fitted.
     size : tuple of float, optional
-        Length of the coefficients as physics fixes it, least and most, in its unit: where the
-        rows ask for another size it is not the cause, and is not offered.
+        Least and greatest length of the coefficients that physics allows, in its unit: if the
+        data need another size, the effect is not offered.
     effort : int
-        What it takes to check the cause, see `EFFORTS`.
+        Effort to check the cause, see `EFFORTS`.
     figure : callable, optional
-        `Context` -> (label, values or None) to draw it against, where that is not its driver.
+        `Context` -> (label, values or None) for the abscissa of its plot, if not the driver.
     form : str
-        What builds it again: ``effect(form, **parameters)``. Set by the registry.
+        Form that rebuilds it: ``effect(form, **parameters)``. Set by the registry.
     parameters : dict
         JSON values. Set by the registry.
     """
@@ -178,8 +178,8 @@ class Effect:
         Returns
         -------
         ndarray, shape (k, 2, n)
-            On-sky offset (x, y), encoder - catalogue, for unit coefficients; zero in rows whose
-            driver is unknown.
+            On-sky offset (x, y), encoder - catalogue, for unit coefficients; zero in rows with an
+            unknown driver.
         """
         out = np.zeros((len(self.coefficient_names), 2, len(context)))
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
@@ -187,13 +187,13 @@ class Effect:
         return known(out)
 
     def fill(self, out, context):
-        """Put the columns into zeros of their shape as they come, without `known`."""
+        """Write the columns into an array of zeros, without `known`."""
         if all(context.get(name) is not None for name in self.requires):
             for row, (x, y) in zip(out, self.of(context)):
                 row[0], row[1] = x, y
 
     def clause(self, amount):
-        """What goes wrong, for a night assistant, from its `Amount`; without a full stop."""
+        """Sentence for a night assistant from an `Amount`, without a full stop."""
         return self.wording(amount) if self.wording else self.cause[:1].upper() + self.cause[1:]
 
     @property
@@ -203,12 +203,12 @@ class Effect:
 
     @property
     def is_bump(self):
-        """Whether a place and a width are sought at which it is, and nowhere else."""
+        """Whether it is local: a scan searches its centre and width."""
         return 'centre' in self.searched
 
     @property
     def line(self):
-        """Its line in a ranking: all members of a scan are one."""
+        """Its line in a ranking: all members of a scan share one."""
         if self.scan is None:
             return self.name
         p = self.parameters
@@ -216,7 +216,7 @@ class Effect:
 
 
 def known(columns):
-    """Columns, in place, with zero for unknown drivers, and for cot E on the horizon."""
+    """Set columns to zero, in place, for unknown drivers and for cot E on the horizon."""
     return np.nan_to_num(columns, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
 
 
@@ -237,7 +237,7 @@ def form(build):
         if not by_mount or parameters.get(_MOUNT) == USUAL:
             parameters.pop(_MOUNT, None)
         out = build(**parameters)
-        # nobody else has it yet; `replace` would make it twice, and there are hundreds in a run
+        # set in place: `replace` would build it twice, and a run has hundreds
         object.__setattr__(out, 'form', name)
         object.__setattr__(out, 'parameters', {
             **{n: parameters.get(n, default) for n, default in named}, **parameters})
@@ -247,13 +247,13 @@ def form(build):
 
 
 def effect(form, **parameters):
-    """Build an effect by its form and parameters.
+    """Build an effect from its form and parameters.
 
     Parameters
     ----------
     form : str
     parameters
-        Of the form.
+        Parameters of the form.
 
     Returns
     -------
@@ -274,7 +274,7 @@ def effect(form, **parameters):
 
 
 def for_mount(effects, mount):
-    """Effects under the names that they have at a mount.
+    """The effects with the names of the axes of a mount.
 
     Parameters
     ----------
@@ -291,12 +291,12 @@ def for_mount(effects, mount):
 
 
 def to_document(effect):
-    """What `effect_from_document` builds it from: ``family`` (the form) and ``parameters``."""
+    """The input of `effect_from_document`: ``family`` (the form) and ``parameters``."""
     return {'family': effect.form, 'parameters': effect.parameters}
 
 
 def effect_from_document(row):
-    """The effect of a JSON document's entry with ``family`` and ``parameters``."""
+    """The effect of a JSON entry with ``family`` and ``parameters``."""
     return effect(row['family'], **row['parameters'])
 
 
@@ -311,11 +311,11 @@ class Offer:
     form : str
     effects : list of Effect
     what : str
-        In words, for the reason.
+        Name in words, for the reason.
     reason : str or None
         Why it cannot be tested.
     axis : str
-        Of those that are offered axis by axis.
+        Axis, if offered per axis.
     """
 
     form: str
@@ -326,7 +326,7 @@ class Offer:
 
 
 def offer(form, what, context, driver, build, against=None, axis=''):
-    """Offer ``build(known values of the driver)``, unless the driver can show nothing.
+    """Offer ``build(known values of the driver)``, unless the driver is unusable.
 
     Parameters
     ----------
@@ -335,7 +335,7 @@ def offer(form, what, context, driver, build, against=None, axis=''):
     driver : str
     build : callable
     against : str, optional
-        Another reason against it.
+        A further reason against it.
     axis : str
 
     Returns
@@ -348,7 +348,7 @@ def offer(form, what, context, driver, build, against=None, axis=''):
 
 
 def single_rows(context, driver, low, high):
-    """Why a driver of two levels can show nothing: single rows would carry the effect.
+    """Reason why a driver of two levels is unusable: only single rows have one of them.
 
     Returns
     -------
@@ -365,13 +365,13 @@ def single_rows(context, driver, low, high):
 
 
 def on_axis(axis, value, cos_el):
-    """Pair for an error of an axis' angle: on the sky the azimuth's is times cos E."""
+    """Columns (x, y) for an error of an axis angle: azimuth is multiplied by cos E on the sky."""
     return (value * cos_el, 0.0) if axis == 'az' else (0.0, value)
 
 
 # ------------------------------------------------------------- words that the sentences share
 
-#: drivers in words, where their name is not the word
+#: words for drivers whose name is not a word
 _DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the start of the run',
                  'lst': 'sidereal time', 'pier_side': 'side of the pier', 'run': 'power-on',
                  **{name: words for names, words in (
@@ -382,12 +382,12 @@ _DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the star
                      (('reading_az', 'reading_el'), 'encoder reading'),
                      (('miss_x', 'miss_y'), 'miss distance'), (('az_rate', 'el_rate'), 'rate'),
                      (('pm_x', 'pm_y'), 'proper motion')) for name in names}}
-#: last motion of an axis in words
+#: words for the last motion of an axis
 SIDES = {f'approach_{axis}': dict(zip((-1, 1), words))
          for axis, words in zip(AXES, KINDS[USUAL].sides)}
-#: angles of the axes by their names in any mount: always known
+#: names of the axis angles on any mount: always known
 DIRECTION = {key for names in KINDS.values() for key in names.keys}
-#: of the second angle, by what either axis is called in names
+#: letter of the second angle, by the name of either axis
 _LETTERS = {key: names.letters[1] for names in KINDS.values() for key in names.keys}
 _TIMES = {1: 'once', 2: 'twice'}
 
@@ -401,12 +401,12 @@ def arcsec(value, sign=False):
 
 
 def times(order):
-    """How often a turn, e.g. ``twice per turn``."""
+    """Number of periods per turn in words, e.g. ``twice per turn``."""
     return f'{_TIMES.get(order, f"{order} times")} per turn'
 
 
 def the(name):
-    """A driver in words with its article: "the elevation", but "time"."""
+    """A driver in words, with its article: "the elevation", but "time"."""
     word = driver_word(name)
     return word if word in ('time', 'sidereal time') else f'the {word}'
 
@@ -436,7 +436,7 @@ def readable(name):
         + (', with harmonics' if found[4] else '')
         + (', another phase in each run' if found[5] else '')), name)
     column = re.fullmatch(r'(.+)_(az|el)(_angle)?', name)
-    if column and not curve:  # what follows a column of the file
+    if column and not curve:  # depends on a column of the file
         driver, axis, angle = column.groups()
         axis = {'az': 'first axis', 'el': 'second axis'}[axis] + (
             ', on the sky,' if axis == 'az' and not angle else '')
@@ -446,7 +446,7 @@ def readable(name):
     return re.sub(r'_memory_([\d.]+)deg', r', memory \1°', name).replace('_', ' ')
 
 
-#: names of coefficients in words, where they are no words
+#: words for names of coefficients that are not words
 _COEFFICIENTS = {'half_difference': 'half the difference',
                  'hour_angle': 'hour angle', 'el_cos': 'up and down, cos',
                  'el_sin': 'up and down, sin', 'az_cos': 'left and right, cos',
@@ -454,7 +454,7 @@ _COEFFICIENTS = {'half_difference': 'half the difference',
 
 
 def coefficient_word(effect, name):
-    """A coefficient of an effect for people."""
+    """Name of a coefficient of an effect for people."""
     if effect.kind != 'smooth':
         return _COEFFICIENTS.get(name, name)
     if name in ('cos', 'sin'):
@@ -467,13 +467,13 @@ def coefficient_word(effect, name):
 
 
 def common_shape(shapes, drivers):
-    """What shapes have in common, up to where they differ; else that they follow their drivers.
+    """Common beginning of several shapes; else "a curve" of their drivers.
 
     Parameters
     ----------
     shapes : sequence of str
     drivers : sequence of str
-        What each follows, the best first.
+        Driver of each, the best first.
 
     Returns
     -------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Encoders and bearings: what repeats so many times a turn of an axis."""
+"""Encoders and bearings: errors that repeat a whole number of times per turn of an axis."""
 
 import numpy as np
 
@@ -22,13 +22,13 @@ from .base import Effect, Offer, arcsec, effect, form, on_axis, times
 
 
 def _tpoint(names, text):
-    """Names of generic terms: 1, 2, v and s stand for what `MountKind.tpoint` has."""
+    """Replace 1, 2, v and s in names of generic terms by the letters in `MountKind.tpoint`."""
     if not names.tpoint:
         return None
     return text.translate(str.maketrans('12vs', ''.join(names.tpoint)))
 
 
-#: of axes without an encoder, see `MountKind.geared`
+#: for axes without an encoder, see `MountKind.geared`
 _GEARS = {
     1: ('encoder disc or worm wheel off its centre', 'its worm wheel or encoder disc off centre',
         'disc or worm wheel off its centre',
@@ -40,7 +40,7 @@ _GEARS = {
         'encoder, gear or coupling uneven', 'its gear, encoder or coupling uneven',
         ', gear or coupling uneven',
         'worm and wheel for dirt and wear, the coupling between axis and encoder'))}
-#: the same twice a turn of a polar axis on a large ring, which its own weight makes oval
+#: twice per turn of a polar axis on a large ring, which its own weight deforms to an oval
 _RING = ('encoder disc, worm wheel or horseshoe ring oval or tilted',
          'its worm wheel, encoder disc or horseshoe ring oval or tilted',
          'disc, worm wheel or horseshoe ring oval or tilted',
@@ -50,7 +50,7 @@ _RING = ('encoder disc, worm wheel or horseshoe ring oval or tilted',
 
 @form
 def _encoder(axis, order, mount=USUAL):
-    """Harmonic of an encoder, `order` a turn."""
+    """Harmonic of an encoder, `order` periods per turn."""
     k, names = int(order), KINDS[mount]
     az = axis == 'az'
     letter = names.letter(axis)
@@ -72,14 +72,14 @@ def _encoder(axis, order, mount=USUAL):
               'or its coupling uneven',
               'the coupling between axis and encoder, and the disc for dirt'))
 
-    # source: geometry of a disc off its axis, or tilted; neither paper has it
+    # source: geometry of an eccentric or tilted disc; not in either paper
     number = '1' if az else '2'
     return Effect(f'{names.key(axis)}_encoder_{k}', f'{names.word(axis)} {cause}: {k} a turn',
                   f'cos {k}{letter}, sin {k}{letter} on the '
                   f'{names.word(axis).removesuffix(" angle")} angle'
                   + (f' (on the sky x cos {names.letter("el")})' if az else ''),
                   names.key(axis), axis, ('cos', 'sin'), of,
-                  # all that is seen is the wave: what bends or runs out as often makes it too
+                  # only the wave is observed: flexure or run-out of the same order looks the same
                   lambda _: f'The {names.word(axis)} is read wrong {times(order)}; one cause: '
                   f'{short}',
                   look_at,
@@ -91,7 +91,7 @@ def _encoder(axis, order, mount=USUAL):
 
 
 def _tpoint_order(names, text, k):
-    """`_tpoint` of generic terms of an order, which is not written if it is 1."""
+    """`_tpoint` for generic terms with an order, which is not written if it is 1."""
     found = _tpoint(names, text)
     return found and found.replace('#', '' if k == 1 else str(k))
 
@@ -142,7 +142,7 @@ def _nod(order, mount=USUAL):
 
 @form
 def _line_of_sight(order, mount=USUAL):
-    """Collimation that goes round with the azimuth: TPOINT's harmonics of the left-right error."""
+    """Collimation that varies with azimuth: TPOINT's harmonics of the left-right error."""
     k, names = int(order), KINDS[mount]
     a, word, shaft = names.letter('az'), names.word('az'), names.shaft('az')
     return Effect(f'line_of_sight_{k}', f'the line of sight swings left and right {k} a turn of '
@@ -176,7 +176,7 @@ def _elevation_axis_wobble(order, mount=USUAL):
 
 @form
 def _turning_disc(axis, turns, span, start=0.0, mount=USUAL):
-    """A disc off its centre, toward a side that goes round `turns` times in `span` s."""
+    """An eccentric disc whose direction of eccentricity rotates `turns` times in `span` s."""
     names = KINDS[mount]
     rate = 2.0 * np.pi * turns / span
     hours = span / 3600.0 / max(abs(turns), 1e-9)
@@ -199,7 +199,7 @@ def _turning_disc(axis, turns, span, start=0.0, mount=USUAL):
                   scan='turning', share='scans', searched=('turns',), effort=2)
 
 
-#: h that a run must last; turns of the centre of a disc in it that are tried
+#: least duration of a run, h; turns of the eccentricity during the run that are tried
 _HOURS, _TURNS = 2.0, np.arange(1, 13) / 4.0
 
 
@@ -218,17 +218,17 @@ def _turning(context):
 
 
 def propose(context, lacking, own):
-    """Orders that a mount's parts make; what the axes do is seen in the directions."""
+    """Orders that parts of a mount cause; they depend on directions only, so always testable."""
     for axis, highest in (('el', 3), ('az', 6)):
         yield Offer('encoder', [effect('encoder', axis=axis, order=order)
                                 for order in range(1, highest + 1)])
-    # constant parts of a wobble of the elevation axis: over a sky of less than a quarter turn it
-    # would pass for them
+    # a wobble of the elevation axis has constant parts: over less than a quarter turn of sky they
+    # would be mistaken for CA and NPAE
     alike = [name for name in map(context.mount.names.named, ('CA', 'NPAE')) if name in lacking]
     against = {'elevation_axis_wobble': 'it looks like terms that the model lacks: '
                + ', '.join(alike)} if alike else {}
-    # once a turn (cos A, 0) is nearly a disc off its centre with a wobble of the azimuth axis
-    # (of an alt-azimuth mount; elsewhere gravity goes round with the axis)
+    # order 1 of (cos A, 0) is nearly degenerate with an eccentric disc plus a wobble of the azimuth
+    # axis (alt-azimuth mounts only; elsewhere gravity rotates relative to the axis)
     for name, lowest, highest in (('bearing_wobble', 1, 3), ('nod', 1, 6),
                                   ('line_of_sight', 2 if context.mount.vertical else 1, 4),
                                   ('elevation_axis_wobble', 1, 2)):

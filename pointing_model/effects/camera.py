@@ -23,14 +23,14 @@ from pointing_model.pointing_terms import stacked_design
 
 from .base import Effect, Offer, arcsec, effect, form, offer
 
-_MEDIAN_OF_NORMAL = 0.6745  # of its absolute value
-_ROWS = 8000  # numbers from which the noise is taken
-_LOOKS = 1.5  # sigmas by which noise may look like a scale: one in 160 is beyond 4 then
+_MEDIAN_OF_NORMAL = 0.6745  # median absolute value, in sigma
+_ROWS = 8000  # values used to estimate the noise
+_LOOKS = 1.5  # sigmas of scale that noise may mimic: one in 160 then exceeds 4
 
 
 @form
 def _camera(of, most=None):
-    """Camera turned, or of a wrong scale; a miss beyond `most` (arcsec) counts as that much."""
+    """Camera rotation or scale error; a miss beyond `most` (arcsec) is clipped to it."""
     rotation = of == 'rotation'
 
     def columns(c):
@@ -58,11 +58,11 @@ def _camera(of, most=None):
 
 @form
 def _off_axis(mount=USUAL):
-    """What is left of places that look c beside the line of sight: c^2 / 2 tan of the second angle.
+    """Residual of places measured c beside the line of sight: c^2 / 2 tan of the second angle.
 
-    sin e = sin(e of the tube) cos c: the place seen is always nearer to the equator of the mount.
-    Collimation by exact rotations has it; a mean of places left and right, or a collimation taken
-    off in first order, leaves it.
+    sin e = sin(e of the tube) cos c: the observed place is always closer to the mount's equator.
+    Exact rotations include this in the collimation; a mean of places left and right, or a
+    first-order correction of the collimation, leaves it.
     """
     names = KINDS[mount]
     word, letter, sight = names.word('el'), names.letter('el'), names.named('CA')
@@ -87,14 +87,14 @@ def _off_axis(mount=USUAL):
                   'places of a camera beside the line of sight, or the mean of several', effort=0)
 
 
-#: tan from which nothing is claimed
+#: tan of the second angle is clipped here
 _STEEPEST = 60.0
 
 
 def propose(context, lacking, own):
-    """Where the miss distance is known and varies."""
+    """If the miss distance is known and varies."""
     def build(_):
-        # far beyond what was seen nothing is known of the camera
+        # the camera is unknown far beyond the observed miss distances
         far = 1.5 * max(np.nanmax(np.abs(context.get(m))) for m in ('miss_x', 'miss_y')) / ARCSEC
         kinds = ('rotation',) if centred else ('rotation', 'scale')
         return [effect('camera', of=of, most=float(far)) for of in kinds]
@@ -108,11 +108,11 @@ def propose(context, lacking, own):
 
 
 def _too_well_centred(context):
-    """Why a plate scale cannot be determined; '' where it can.
+    """Reason why the plate scale cannot be determined; '' if it can.
 
-    The noise of a star is in its miss distance and in its offset alike, which looks as a scale
-    that is wrong by noise^2 / miss^2. Its sigma is noise / (miss sqrt(2 n)): it is `_LOOKS` of them
-    at most where miss > noise sqrt(2 n) / `_LOOKS`.
+    The noise of a star is in both its miss distance and its offset. That mimics a scale error of
+    noise^2 / miss^2, whose sigma is noise / (miss sqrt(2 n)). It stays below `_LOOKS` sigma if
+    miss > noise sqrt(2 n) / `_LOOKS`.
     """
     read = [context.get(f'{axis}_enc') for axis in ('az', 'el')]
     miss = [context.get(name) for name in ('miss_x', 'miss_y')]
@@ -123,11 +123,11 @@ def _too_well_centred(context):
     good = np.isfinite(offset).all(axis=0) & np.isfinite(miss).all(axis=0)
     miss = np.array(miss)
     count = 2 * np.count_nonzero(good)
-    # some of very many rows show their noise as well
+    # a sample of very many rows is enough for the noise
     good = np.flatnonzero(good)[::1 + count // _ROWS]
     az, el, run = context.az[good], context.el[good], context.get('run')
     design = stacked_design(context.mount.names.physical, az, el, context.mount).T
-    if run is not None:  # each has its own zeros
+    if run is not None:  # each run has its own zeros
         members = run[good][:, None] == np.unique(run[good])[1:]
         none = np.zeros_like(members)
         design = np.hstack([design, np.vstack([members * np.cos(el)[:, None], none]),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What follows a column of the file: magnitude, side of the pier, the user's own."""
+"""Errors that depend on a column of the file: magnitude, side of the pier, user columns."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ _CAUSES = {
 @form
 def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=None,
                   mount=USUAL):
-    """Offset on the sky, or of an axis' angle, proportional to a driver (held within `within`)."""
+    """Offset proportional to a driver (clipped to `within`), on the sky or in an axis angle."""
     names = KINDS[mount]
     sky = pattern == 'sky'
 
@@ -67,7 +67,7 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=Non
 
 
 def propose(context, lacking, own):
-    """Where the column is known and varies; a side of the pier in more than single rows."""
+    """If the column is known and varies; the side of the pier in more than single rows."""
     for driver in _CAUSES:
         if driver == 'pier_side' and not context.mount.vertical:
             continue  # see `pier`
@@ -85,6 +85,6 @@ def propose(context, lacking, own):
 def _single_side(context):
     values, reason = context.span('pier_side')
     levels = () if reason else np.unique(values)
-    # the middle one of three is unknown
+    # with three levels the middle one means unknown
     return single_rows(context, 'pier_side', levels[0], levels[-1]) if 2 <= len(levels) <= 3 \
         else None

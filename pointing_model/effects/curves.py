@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Curves of one driver, for what no physical effect explains."""
+"""Smooth curves of one driver, for errors without a physical explanation."""
 
 import numpy as np
 
@@ -22,19 +22,19 @@ from .base import DIRECTION, Effect, driver_word, effect, for_mount, form, the
 from .drifts import clock, several_runs
 
 _TURN = 2.0 * np.pi
-_LONG_WAVE = np.pi / 4.0  # rad, beyond which a wave is reported as a curve
-#: drivers that are given waves and bumps; air, stars and columns of the file get splines only
+_LONG_WAVE = np.pi / 4.0  # rad, longer waves are reported as curves
+#: drivers with waves and bumps; weather, stars and columns of the file get splines only
 _WAVY = (*DIRECTION, 'time', 'order')
 _SECOND = {names.keys[1] for names in KINDS.values()}
 
 
 @form
 def _smooth(axis, driver, shape, factor='1', within=None, mount=USUAL, **numbers):
-    """A curve of one driver for what no physical effect explains.
+    """A curve of one driver, for errors without a physical explanation.
 
-    ``shape``: 'fourier' (``orders``, ``period``), 'spline' (``knots``: a natural cubic one),
-    'bump' (``centre``, ``width``, and ``period`` if it closes), 'sawtooth' (``start``,
-    ``period``; from -1/2 to 1/2). Beyond ``within`` the curve keeps its value at the end.
+    ``shape``: 'fourier' (``orders``, ``period``), 'spline' (``knots``: natural cubic),
+    'bump' (``centre``, ``width``, and ``period`` if cyclic), 'sawtooth' (``start``,
+    ``period``; from -1/2 to 1/2). Beyond ``within`` the curve is constant.
     """
     curve = {'fourier': _fourier, 'spline': _natural_spline, 'bump': _bump,
              'sawtooth': _sawtooth}[shape]
@@ -71,12 +71,12 @@ def _smooth(axis, driver, shape, factor='1', within=None, mount=USUAL, **numbers
                       'of a gear, rollers, joints of a tape' if shape == 'sawtooth' else ''),
                   shape_wording, f'something that changes with {the(driver)} little by little',
                   requires=() if driver in DIRECTION else (driver,), kind='smooth',
-                  # a bump and a sawtooth have a place and a width
+                  # a bump and a sawtooth have two scanned parameters, place and width
                   scan=scan, scanned=1 if wave else 2, share='curves')
 
 
 def _size(driver, value):
-    """A part of a driver in its unit."""
+    """An interval of a driver, with its unit."""
     if driver in DIRECTION:
         return f'{np.degrees(value):.1f}°'
     if driver == 'order':
@@ -85,7 +85,7 @@ def _size(driver, value):
 
 
 def _shape_wording(driver, shape, numbers):
-    """What a curve looks like."""
+    """Description of a curve."""
     if shape == 'sawtooth':
         return f'a sawtooth of {the(driver)} with a period of {_size(driver, numbers["period"])}'
     if shape == 'bump':
@@ -94,7 +94,7 @@ def _shape_wording(driver, shape, numbers):
                 else f'a bump of {the(driver)}')
     if shape == 'fourier' and len(numbers['orders']) in (1, 3) and numbers['orders'][0] != 1:
         period = numbers['period'] / numbers['orders'][0]
-        # the period is one of those tried; of a long one the rows see no second wave
+        # the period is on a grid of trials; for a long one the rows do not show a second wave
         if driver not in DIRECTION or period <= _LONG_WAVE:
             return f'a wave of {the(driver)} with a period of about {_size(driver, period)}'
     return f'a smooth curve of {the(driver)}'
@@ -121,7 +121,7 @@ def _natural_spline(u, knots):
     span = knots[-1] - knots[0]
     v = (u - knots[0]) / span
     t = (knots - knots[0]) / span
-    # constant beyond the data: what is not observed is not extrapolated
+    # constant beyond the data: no extrapolation
     v = np.clip(v, 0.0, 1.0)
     last = np.maximum(v - t[-1], 0.0) ** 3
 
@@ -133,11 +133,11 @@ def _natural_spline(u, knots):
 
 
 def smooths(context):
-    """Curves of each driver and axis, for what the dictionary does not explain.
+    """Smooth curves of each driver and axis, for what the dictionary does not explain.
 
-    The drivers are the angles of the axes, elevation, time or order, for several nights the hours
-    since the start of each run, temperature, magnitude, the user's own. The curves are Fourier
-    series (of the first axis, one turn), natural splines, single waves and single bumps scanned in
+    The drivers are the axis angles, elevation, time or order, for several nights the hours since
+    the start of each run, temperature, magnitude and user columns. The curves are Fourier
+    series (of the first axis, one turn), natural splines, and single waves and bumps scanned in
     place and width.
 
     Parameters
@@ -147,10 +147,10 @@ def smooths(context):
     Returns
     -------
     list of Effect
-        None of the order of the rows for several runs: a place in one is none in another.
+        The order of the rows is not used with several runs: it means something else in each.
     """
     first, second = context.mount.names.keys
-    # gravity follows the elevation, whatever the axes are
+    # gravity depends on the elevation, whatever the axes are
     above = () if context.mount.vertical else ('elevation',)
     drivers = [first, second, *above, clock(context)[0],
                *(['run_hours'] if context.several_nights() else []),
@@ -195,7 +195,7 @@ def _driver_smooths(axis, driver, factor, values, closed):
                     add('sawtooth', start=float(low + start), period=float(period / order))
         for order in np.arange(1.0, 8.5, 0.5):
             add('fourier', orders=[float(order)], period=period)
-            if 1.5 <= order <= 6.0:  # sharp edges, as those of a sawtooth, have overtones
+            if 1.5 <= order <= 6.0:  # sharp edges, like those of a sawtooth, have harmonics
                 add('fourier', orders=[float(k * order) for k in (1, 2, 3)], period=period)
     for width in (1 / 36, 1 / 18, 1 / 9):
         width = width * (period if closed else 1.5 * period)

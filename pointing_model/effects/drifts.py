@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Terms that move: with time or temperature, at once, or from run to run."""
+"""Terms that change: with time or temperature, in a step, or from run to run."""
 
 import numpy as np
 
@@ -36,12 +36,12 @@ from .base import (
 
 _HOUR = 3600.0
 _ZERO_TERM = {'az': 'IA', 'el': 'IE'}
-#: what may drift
+#: terms that may drift
 MOVING = ('IA', 'IE', 'CA', 'TF', 'tilt')
 
 
 def moving(of, names):
-    """What drifts: in a name, where it acts, in a sentence."""
+    """What drifts: short name, axes in which it acts, start of a sentence."""
     first, second = names.shafts
     return {
         'IA': (f'{names.word("az")} zero', 'az', f'The zero of the {first}'),
@@ -56,14 +56,14 @@ SYMBOLS = {'time': 't', 'temperature': 'T', 'order': 'n', 'run_hours': '(t - sta
 UNITS = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}
 _EACH = {'time': 'an hour', 'run_hours': 'an hour in each run', 'temperature': 'a degree',
          'order': 'over the run'}
-_LONG = 96.0 * _HOUR  # from here on a drift is given by the day
+_LONG = 96.0 * _HOUR  # longer runs give a drift per day
 
 
 @form
 def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL):
-    """A term x ((driver - origin) / scale)^power; the driver is held at the ends of `within`.
+    """A term x ((driver - origin) / scale)^power; the driver is clipped to `within`.
 
-    `of`: its name at an alt-azimuth mount.
+    `of`: name of the term on an alt-azimuth mount.
     """
     what, axes, words = moving(of, KINDS[mount])
     terms = terms_of(mount)
@@ -107,7 +107,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL)
 
 @form
 def _step(axis, at, driver='time', mount=USUAL):
-    """A zero that jumps where the driver passes `at`."""
+    """A step of the zero where the driver passes `at`."""
     names = KINDS[mount]
 
     def wording(amount):
@@ -148,22 +148,22 @@ def _run_zero(axis, runs, mount=USUAL):
 
 
 def progress(context, driver, origin, scale, within):
-    """(driver - origin) / scale, the driver held at the ends of `within`; shape (n,)."""
+    """(driver - origin) / scale, with the driver clipped to `within`; shape (n,)."""
     u = context.get(driver) if within is None else np.clip(context.get(driver), *within)
     return (u - origin) / scale
 
 
 def about(driver, scale, values):
-    """Parameters of what follows a driver, from its values in a run."""
+    """Parameters of an effect that depends on a driver, from its values in a run."""
     low, high = float(np.min(values)), float(np.max(values))
-    # it goes on for a while after the run, but not for ever
+    # extrapolated for a while beyond the run, but not forever
     reach = 0.5 * (high - low)
     return {'driver': driver, 'origin': float(np.mean(values)), 'scale': scale,
             'within': [low - reach, high + reach]}
 
 
 def _drifts(driver, scale, values):
-    """Terms that follow a driver."""
+    """Drifts of the terms with a driver."""
     given = about(driver, scale, values)
     out = [effect('drift', of=of, **given) for of in MOVING]
     if driver != 'temperature':
@@ -172,22 +172,22 @@ def _drifts(driver, scale, values):
 
 
 def clock(context):
-    """The driver that tells what comes after what, and its unit: time in hours, or the order."""
+    """The driver that orders the rows, and its unit: time in hours, or the order."""
     return ('time', _HOUR) if context.get('time') is not None else ('order', 1.0)
 
 
 def several_runs(context):
-    """The numbers of the runs; none of a single one."""
+    """Run numbers if there are several; else empty."""
     runs = context.get('run')
     runs = [] if runs is None else np.unique(runs).tolist()
     return runs if len(runs) > 1 else []
 
 
 def propose(context, lacking, own):
-    """Drifts with the clock, with the time in each run, with the temperature; a zero a run.
+    """Drifts with the clock, with time since the start of each run, with temperature; run zeros.
 
-    Of several nights, linear drifts in time of terms that each run fits for itself are those in
-    the time since the start of each run: only the latter, which tell another night, are offered.
+    With several nights and terms fitted per run, a linear drift in time equals one since the start
+    of each run. Only the latter is offered: it also predicts another night.
     """
     time, unit = clock(context)
     several = context.several_nights()
@@ -207,7 +207,7 @@ def propose(context, lacking, own):
 
 
 def steps(context, limit=32):
-    """Steps of either zero at every time between two rows (at most `limit` of them).
+    """Steps of either zero at the times between two rows (at most `limit` times).
 
     Parameters
     ----------
@@ -217,8 +217,8 @@ def steps(context, limit=32):
     Returns
     -------
     list of Effect
-        The members of two scans; at least three rows on each side. None for several runs
-        without times: a place in the order of one run is none in another.
+        Members of two scans, with at least three rows on each side. Empty for several runs
+        without times: the order of the rows means something else in each.
     """
     driver, _ = clock(context)
     if driver == 'order' and several_runs(context):
@@ -229,7 +229,7 @@ def steps(context, limit=32):
 
 
 def places_of_steps(context, driver):
-    """Values of the driver between two rows, at least three rows from either end."""
+    """Driver values midway between two rows, at least three rows from either end."""
     values, reason = context.span(driver)
     if reason:
         return np.empty(0)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What follows the direction alone and has a term: flexure, refraction, terms left out."""
+"""Effects of the direction alone that have a term: flexure, refraction, omitted terms."""
 
 from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.pointing_terms import ZERO, Trig, terms_of
@@ -20,7 +20,7 @@ from pointing_model.pointing_terms import ZERO, Trig, terms_of
 from .base import Effect, Offer, effect, form
 
 _TERM_EFFECTS = {
-    # name: (term, cause, formula, what goes wrong, what to look at)
+    # name: (term, cause, formula, symptom, what to check)
     'refraction': (
         'TX', 'refraction constant wrong, or flexure that grows as cot E', '(0, cot E)',
         'Stars near the horizon are off as refraction would be: the refraction that was applied '
@@ -38,15 +38,15 @@ _TERM_EFFECTS = {
 }
 
 
-#: what is seen of them
+#: observed shapes
 _SHAPES = {'refraction': 'a rise toward the horizon, as cot E',
            'refraction_cube': 'a steep rise near the horizon, as cot³ E',
            'second_flexure': 'a curve of the elevation, as sin E',
            'fork_flexure': 'a curve of the hour angle, as cos h',
            'declination_axis_flexure': 'a shift to one side that grows with the elevation'}
-#: which causes they are reported as, where the other that is named has its own effect
+#: shorter cause, where the alternative in the full text has its own effect
 _SUMMARIES = {'second_flexure': 'second flexure of the tube (as sin E)'}
-#: of mounts that are no alt-azimuth ones: flexure toward the zenith is no error of an axis
+#: for mounts other than alt-azimuth ones: flexure toward the zenith is not an error of an axis
 _ELSEWHERE = {
     **{name: _TERM_EFFECTS[name] for name in ('refraction', 'refraction_cube')},
     'second_flexure': (
@@ -86,7 +86,7 @@ def _terms(name, mount=USUAL):
 
 @form
 def _term(name, mount=USUAL):
-    """A term of the mount that the declared model does not have, in first order."""
+    """A term of the mount that the declared model lacks, to first order."""
     term, names = terms_of(mount)[name], KINDS[mount]
     own = names.terms.get(name, ('', 1))[0]
     if KINDS[mount].vertical:
@@ -120,9 +120,9 @@ def _fork_cross_term(mount=USUAL):
 
 
 def propose(context, lacking, own):
-    """Terms that the declared model may lack; whatever it is, the directions are known."""
+    """Terms that the declared model may lack; they need only the directions."""
     named = _named(context.mount.kind)
-    # of these the dictionary has the same columns under another name
+    # the dictionary has the same columns as these under another name
     alike = [term for term, *_ in named.values()]
     yield Offer('term', [effect('term', name=name, mount=context.mount.kind) for name in lacking
                          if name not in alike])

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Periodic errors of worms, gears and strain-wave drives, and of what turns with the clock.
+"""Periodic errors of worms, gears and strain-wave drives, and errors periodic in time.
 
-How many periods a turn has is searched (`calibration.estimation.periodogram`) or declared.
+The number of periods per turn is searched (`calibration.estimation.periodogram`) or declared.
 """
 
 import numpy as np
@@ -27,39 +27,39 @@ from .drifts import several_runs
 from .graduation import declared_axis, is_gear
 
 _TURN = 2.0 * np.pi
-#: reductions of strain-wave drives (ratios that the makers of their gears list). They err twice a
-#: turn of the wave generator, which has two lobes, and once where it is off its centre
+#: reductions of strain-wave drives (ratios listed by their makers). Their error has two periods
+#: per turn of the wave generator, which has two lobes, and one if it is eccentric
 STRAIN_WAVE = (50, 80, 100, 120, 160)
-#: up to how many periods a turn what has them, of the parts of a drive
+#: parts of a drive by their largest number of periods per turn
 _WHEELS = (36.0, 'rollers, poles of a motor or a gear'), (np.inf, 'worm or gear')
 _LOOK_AT = {
     _WHEELS[0][1]: 'rollers of the bearing, poles and torque ripple of a motor on the axis, gears',
     _WHEELS[1][1]: 'mesh, bearings and end play of the worm, the gears before it; measure it while '
                    'tracking and record a correction (PEC)'}
 _SIGNALS = '; of an encoder with so many lines the offset, amplitude and phase of its signals'
-#: part of the declared lines by which those of a tape on a drum may differ
+#: relative difference allowed between declared and actual lines of a tape on a drum
 TAPE_MARGIN = 0.01
 
 
 def declared_worms(given, names=None):
-    """Teeth of worm wheels, as the one who gives the run declares them.
+    """Parse declared numbers of teeth of worm wheels.
 
     Parameters
     ----------
     given : str or dict
-        ``ha=180``: periods in a turn of that axis; ``ha=180, dec=144``; or what this returned.
+        ``ha=180``: periods per turn of that axis; ``ha=180, dec=144``; or an earlier result.
     names : mount_kinds.MountKind, optional
-        As of `graduation.declared_axis`.
+        See `graduation.declared_axis`.
 
     Returns
     -------
     dict of str to float
-        Axis (az, el) -> periods in a turn.
+        Axis (az, el) -> periods per turn.
 
     Raises
     ------
     ValueError
-        Another axis, or no number of periods.
+        Unknown axis, or invalid number of periods.
     """
     if isinstance(given, str):
         parts = [part.partition('=') for part in given.split(',') if part.strip()]
@@ -79,7 +79,7 @@ def declared_worms(given, names=None):
 
 
 def strain_wave(turns, margin=0.25):
-    """Reductions of strain-wave drives that so many periods a turn fit.
+    """Reductions of strain-wave drives that match a number of periods per turn.
 
     Parameters
     ----------
@@ -88,19 +88,19 @@ def strain_wave(turns, margin=0.25):
     Returns
     -------
     list of (int, int)
-        Reduction, and errors in a turn of its wave generator (1 or 2).
+        Reduction, and error periods per turn of its wave generator (1 or 2).
     """
     return [(ratio, order) for order in (2, 1) for ratio in STRAIN_WAVE
             if abs(turns - order * ratio) <= margin]
 
 
 def peak_to_peak(coefficients, orders):
-    """Range of a wave of some orders over a period.
+    """Peak-to-peak size of a periodic error with some harmonics.
 
     Parameters
     ----------
     coefficients : sequence of float
-        cos and sin of each order.
+        cos and sin for each order.
     orders : sequence of int
 
     Returns
@@ -124,10 +124,11 @@ def period_words(turns, names, axis, clock=False):
 @form
 def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False, lines=False,
               tape=None, runs=(), mount=USUAL):
-    """Waves of an axis, so many in a turn of it (or of the sky: ``of='time'`` from `origin`, s).
+    """Periodic error of an axis with `turns` periods per turn (or sidereal day: ``of='time'``).
 
-    ``of``: 'reading' of the encoder, 'angle' of the axis, or 'time'; ``lines``: declared as those
-    of an encoder; ``tape``: declared lines of an encoder's tape; ``runs``: each has its own phase.
+    ``of``: 'reading' of the encoder, 'angle' of the axis, or 'time' since `origin`, s. ``lines``:
+    the declared lines of an encoder. ``tape``: declared lines of an encoder's tape. ``runs``:
+    each has its own phase.
     """
     names, word, key = KINDS[mount], KINDS[mount].word(axis), KINDS[mount].key(axis)
     clock = of == 'time'
@@ -160,7 +161,7 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
     cause = (f'each line of the tape of the {word} encoder is divided unevenly, {turns:.7g} lines '
              'per turn' if tape else f'{"periodic error" if clock else wheel} of {word}, {period}'
              + ' in time' * clock)
-    # source: worms: gear of so many teeth, one period a tooth; tapes: as a grating
+    # source: worms: a gear has one period per tooth; tapes: like a grating
     return Effect(f'{key}_{"tape" if tape else "periodic_error"}_{turns:.6g}' + '_time' * clock
                   + ('' if orders == (1,) else f'_orders_{len(orders)}') + '_per_run' * bool(runs),
                   cause, f'cos, sin of {turns:.6g} k {driver_word(driver)}, k = '
@@ -181,12 +182,12 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
 
 
 def _wheel(turns):
-    """What may come back so often a turn."""
+    """Parts that may have so many periods per turn."""
     return next(words for most, words in _WHEELS if turns <= most)
 
 
 def driver_angle(context, axis, of, origin=0.0):
-    """What the waves of an axis go with, radians, shape (n,); None where it is not known."""
+    """Angle that drives the periodic error, radians, shape (n,); None if unknown."""
     if of == 'angle':
         return context.az if axis == 'az' else context.el
     if of == 'reading':
@@ -196,21 +197,21 @@ def driver_angle(context, axis, of, origin=0.0):
 
 
 def propose(context, lacking, own):
-    """Of a worm whose teeth are declared, or a grating with so few lines; others are searched."""
+    """For a worm with declared teeth, or a grating with so few lines; others are searched."""
     few = {axis: kinds['grating'] for axis, kinds in context.graduation.items()
            if is_gear('grating', kinds.get('grating'))}
     for axis, turns in {**few, **context.worms}.items():
         lines, several = axis in few, several_runs(context)
         yield Offer('periodic', [
             *worm_waves(context, axis, turns, lines=lines),
-            # without an index an encoder counts from elsewhere after each power-on
+            # an encoder without an index starts to count elsewhere after each power-on
             *(worm_waves(context, axis, turns, several) if several and not lines else [])],
             axis=axis)
 
 
 def worm_waves(context, axis, turns, runs=(), lines=False):
-    """Waves of a worm with so many teeth, with and without harmonics; `runs` and `lines` as of
-    their form.
+    """Periodic error of a worm with so many teeth, with and without harmonics. For `runs` and
+    `lines` see `_periodic`.
     """
     of = 'reading' if context.get(f'reading_{axis}') is not None else 'angle'
     return [effect('periodic', axis=axis, turns=turns, orders=orders, of=of, declared=True,

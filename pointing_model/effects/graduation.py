@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The graduation of an encoder: subdivision of its lines or bars, and slips by whole ones."""
+"""Graduation of an encoder: interpolation errors in a line or bar, and slips by whole ones."""
 
 import numpy as np
 
@@ -22,16 +22,16 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from .base import AXES, Effect, Offer, effect, form, on_axis
 
 _TURN = 2.0 * np.pi
-#: lines or bars in a turn of the encoders of both papers (000: lines; 001: bars)
+#: lines or bars per turn of the encoders of both papers (000: lines; 001: bars)
 _LINES = {'grating': 47200, 'bars': 1080}
-#: what may be declared: a tape goes round a drum, and its lines are searched (`gears_and_worms`)
+#: may be declared; the exact lines of a tape on a drum are searched (`gears_and_worms`)
 _KINDS = (*_LINES, 'tape')
-#: their periods, radians
+#: periods of these, radians
 PERIODS = {name: _TURN / lines for name, lines in _LINES.items()}
-#: axes by the names of their columns in files
+#: axes by the prefixes of their columns in files
 BY_COLUMN = {column: axis for names in KINDS.values() for axis, column in zip(AXES, names.columns)}
-_FEWEST, _MOST = 16, 10**7  # lines in a turn that a graduation may have
-#: lines in a turn up to which they may be teeth
+_FEWEST, _MOST = 16, 10**7  # allowed number of lines per turn
+#: up to this many lines per turn they may be teeth
 FEW_LINES = 1000
 _ONE = {'grating': 'a line of the grating', 'bars': 'a bar of the disc'}
 _EACH = {'grating': 'each line of its grating', 'bars': 'each bar of its disc'}
@@ -39,19 +39,19 @@ _ALL = {'grating': 'lines of the grating', 'bars': 'bars of the disc'}
 
 
 def declared_axis(name, what, names=None):
-    """``az`` or ``el`` of a word for an axis, else the word.
+    """``az`` or ``el`` for the column name of an axis; other words are returned unchanged.
 
     Parameters
     ----------
     name, what : str
-        The word; what it is given of, for the message.
+        The word; and the declaration that it is in, for the message.
     names : mount_kinds.MountKind, optional
-        Of the mount: only its own words are taken.
+        Names of the mount: only these are accepted.
 
     Raises
     ------
     ValueError
-        The axis of another mount.
+        An axis of another mount.
     """
     if names is not None and name in BY_COLUMN and name not in names.columns:
         (first, second), words = names.columns, names.axes
@@ -61,25 +61,25 @@ def declared_axis(name, what, names=None):
 
 
 def declared_graduation(given, names=None):
-    """What the axes' encoders are graduated with, as the one who gives the run declares it.
+    """Parse the declared graduation of the encoders.
 
     Parameters
     ----------
     given : str or dict
-        ``grating=47200``: lines in a turn, on both axes; ``az.grating=47200, el.bars=1080``: axis
-        by axis. Or a dict of the same names, or what this function returned.
+        ``grating=47200``: lines per turn, on both axes; ``az.grating=47200, el.bars=1080``: per
+        axis. Or a dict of the same names, or an earlier result of this function.
     names : mount_kinds.MountKind, optional
-        As of `declared_axis`.
+        See `declared_axis`.
 
     Returns
     -------
     dict of str to dict
-        Axis -> name of the graduation -> lines in a turn.
+        Axis -> name of the graduation -> lines per turn.
 
     Raises
     ------
     ValueError
-        Another graduation, another axis, or no number of lines.
+        Unknown graduation, unknown axis, or invalid number of lines.
     """
     if isinstance(given, str):
         parts = [part.partition('=') for part in given.split(',') if part.strip()]
@@ -114,7 +114,7 @@ def period_of(graduation, lines=None):
 
 
 def is_gear(graduation, lines):
-    """Whether a wheel may have so few lines: then teeth make the same error, and are likelier."""
+    """Whether there are so few lines that gear teeth are a more likely cause."""
     return graduation == 'grating' and lines is not None and lines <= FEW_LINES
 
 
@@ -126,7 +126,7 @@ def _subdivision(axis, graduation, order, lines=None, mount=USUAL):
     reading = f'reading_{axis}'
 
     def of(c):
-        # the period divides the turn, so wraps of the cable do not matter
+        # the period divides the turn, so whole turns do not matter
         phase = np.mod(c.get(reading), period) * (_TURN * k / period)
         return [on_axis(axis, f(phase), c.trig.cos_el) for f in (np.cos, np.sin)]
 
@@ -150,7 +150,7 @@ def _subdivision(axis, graduation, order, lines=None, mount=USUAL):
 
 @form
 def _decode_slip(axis, rows, multiples, graduation, lines=None, mount=USUAL):
-    """Whole bars or lines too many in single rows: known amounts, nothing to predict."""
+    """Single rows off by whole bars or lines: known amounts, nothing to predict."""
     names = KINDS[mount]
     step = period_of(graduation, lines)
 
@@ -172,9 +172,9 @@ def _decode_slip(axis, rows, multiples, graduation, lines=None, mount=USUAL):
 
 
 def propose(context, lacking, own):
-    """Subdivision where the raw readings are known and spread over the period.
+    """If the raw readings are known and spread over the period.
 
-    Of an encoder whose graduation is declared, that; of another, those of both papers.
+    Uses the declared graduation of an encoder; without one, those of both papers.
     """
     for axis in AXES:
         word = context.mount.names.word(axis)
@@ -187,7 +187,7 @@ def propose(context, lacking, own):
         declared = context.graduation.get(axis) or dict.fromkeys(PERIODS)
         for graduation, lines in declared.items():
             if graduation not in PERIODS or is_gear(graduation, lines):
-                continue  # see `gears_and_worms`: of a tape how many there are is searched
+                continue  # see `gears_and_worms`: the lines of a tape are searched
             against = _not_spread(word, graduation, place, values, period_of(graduation, lines))
             yield Offer('subdivision', [] if against else [
                 effect('subdivision', axis=axis, graduation=graduation, order=order, lines=lines)
@@ -195,13 +195,13 @@ def propose(context, lacking, own):
 
 
 def _not_spread(word, graduation, place, reading, period):
-    """Why a subdivision cannot be seen: where the reading moves through the period by its own
-    error alone, that would be taken for its cause.
+    """Reason why an interpolation error is not detectable: if only the error itself moves the
+    reading through the period, it would be taken for its own cause.
     """
     words = _ALL[graduation]
     if abs(np.mean(np.exp(2j * np.pi / period * np.mod(place, period)))) >= 0.8:
         return f'the stars stand at nearly the same place between two {words}'
-    # of places spread evenly, half are then within 3 periods; some fixed places are told too
+    # of evenly spread places half then lie within 3 periods; this finds a few fixed places, too
     count = max(len(reading) // 4, 2)
     turn = np.sort(np.mod(reading, 2.0 * np.pi))
     last = np.append(turn, turn + 2.0 * np.pi)[count - 1:][:len(turn)]

@@ -12,22 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Effects that grow or fade: another effect, times what changes it.
+"""Effects that grow or fade: another effect, multiplied by a driver.
 
-They are no part of the dictionary: an effect is offered with its changes once it is found.
+They are not in the dictionary: the changes of an effect are tested after it was found.
 """
 
 from .base import Effect, effect, effect_from_document, form, readable, to_document
 from .drifts import SYMBOLS, UNITS, about, clock, progress
 
-#: an effect of these is a change already, or a moment
+#: effects of these drivers are changes already
 _CLOCKS = ('time', 'order', 'run_hours', 'temperature', 'run')
 _WITH = {'run_hours': 'the time since the start of each run', 'order': 'the order of the rows'}
 
 
 @form
 def _changing(of, driver, origin=0.0, scale=1.0, within=None):
-    """An effect (its document) x (driver - origin) / scale; the driver is held within `within`."""
+    """An effect (its document) x (driver - origin) / scale; the driver is clipped to `within`."""
     whole = effect_from_document(of)
     with_ = _WITH.get(driver, driver)
 
@@ -49,23 +49,23 @@ def _changing(of, driver, origin=0.0, scale=1.0, within=None):
 
 
 def changes(whole, context):
-    """How an effect may change in a run: with the clock, with the temperature.
+    """Possible changes of an effect during a run: with the clock, with the temperature.
 
     Parameters
     ----------
     whole : Effect
     context : Context
-        Of the run.
+        Context of the run.
 
     Returns
     -------
     list of Effect
-        None of effects that are changes themselves.
+        Empty for effects that are changes themselves.
     """
     if whole.driver in _CLOCKS or whole.kind != 'effect':
         return []
     drivers = [clock(context), ('temperature', 1.0)]
-    if context.several_nights():  # of many nights the clock of each
+    if context.several_nights():  # time within each night
         drivers[0] = 'run_hours', 1.0
     known = [(driver, scale, context.span(driver)[0]) for driver, scale in drivers]
     return [effect('changing', of=to_document(whole), **about(driver, scale, values))

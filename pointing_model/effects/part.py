@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Some coefficients of an effect alone, as files of models chosen to predict have them."""
+"""Single coefficients of an effect, as in stored models that were selected for prediction."""
 
 from .base import Effect, effect_from_document, form
 
 
 @form
 def _part(of, keep):
-    """An effect (its document) with the coefficients `keep` (their places) only."""
+    """An effect (its document) with the coefficients at the indices `keep` only."""
     whole = effect_from_document(of)
     names = tuple(whole.coefficient_names[i] for i in keep)
     tpoint = (whole.tpoint or '').split()

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The side of the pier: another amount of an effect on each of the two ways to a direction.
+"""Side of the pier: effects of different size on the two sides of a direction.
 
-Of mounts that go through the pole. What an axis does has one formula on both sides, and what of it
-is reversed on the sky follows from the geometry; here are what turns over with the tube, and what
-hangs on the other end of the axis then.
+Only for mounts that go through the pole. Errors of an axis have one formula on both sides; their
+signs on the sky follow from the geometry. Here are errors that turn over with the tube, or depend
+on the side where the counterweight hangs.
 """
 
 import numpy as np
@@ -39,13 +39,13 @@ from .base import (
 )
 
 _DEGREES = (1, 2)
-#: what knows no side: the clock and the site; what differs so is a zero or a lean of the axes
+#: clock and site are the same on both sides; a difference there is a zero or a tilt of the axes
 _SAME_ON_BOTH = ('clock', 'latitude')
 
 
 @form
 def _by_side(of):
-    """An effect (its document), with the other sign through the pole."""
+    """An effect (its document), with the opposite sign through the pole."""
     whole = effect_from_document(of)
     tpoint = whole.tpoint
 
@@ -69,19 +69,19 @@ def _by_side(of):
 
 
 def by_side(effects, context):
-    """Effects of the direction, and the terms of the geometry, as what differs by side.
+    """Effects of the direction, and the geometric terms, in a version that differs by side.
 
     Parameters
     ----------
     effects : list of Effect
-        Of the dictionary of this mount.
+        Effects of the dictionary of this mount.
     context : Context
 
     Returns
     -------
     effects : list of Effect
     reason : (str, str) or None
-        Why they cannot be tested.
+        What cannot be tested, and why.
     """
     mount = context.mount
     index, sight, skew = mount.names.physical[1:4]
@@ -102,10 +102,10 @@ def by_side(effects, context):
 
 @form
 def _by_counterweight(of, play):
-    """A lean of the first axis (a term, as a document) with the pull of the counterweight.
+    """Tilt of the first axis (a term, as a document) with the pull of the counterweight.
 
-    Where bearings have play the axis lies on one side of it or the other; else it bends. Near the
-    meridian that is as the side of the pier; below the pole the counterweight hangs the other way.
+    Bearings with play let the axis lie on one side or the other (``play``); otherwise it flexes.
+    Near the meridian this looks like the side of the pier; below the pole the pull is reversed.
     """
     whole = effect_from_document(of)
     how = 'by' if play else 'with'
@@ -129,16 +129,16 @@ def _by_counterweight(of, play):
 
 
 def direct(effect):
-    """Whether an effect follows nothing but the direction, and the side of the pier."""
+    """Whether an effect depends only on the direction and the side of the pier."""
     return effect.kind == 'effect' and effect.driver in DIRECTION and effect.scan is None
 
 
 @form
 def _sideways_sag(each=False, mount='equatorial'):
-    """What hangs on the tube yields more to the pull from the side than up and down.
+    """Sag of parts on the tube that is larger sideways than up and down.
 
-    TF is the same sag whichever way the tube is turned about its length; ``each``: another amount
-    on each side of the pier, which TF has as `by_side`.
+    TF is the same sag for any rotation of the tube about its length. ``each``: a separate amount
+    for each side of the pier, which TF has as `by_side`.
     """
     def of(c):
         x, _ = c.trig.lifted(c.trig.zenith.cos_el)
@@ -172,7 +172,7 @@ def _sideways_sag(each=False, mount='equatorial'):
 
 @form
 def _polynomial(result, of, power, mount='equatorial'):
-    """TPOINT's polynomials: P, the result (H, D, or X: left and right on the sky), the angle."""
+    """TPOINT's polynomials: named P, the result (H, D, or X: left-right on the sky), the angle."""
     names = KINDS[mount]
     k = int(power)
     word, angle = ('az' if result != 'el' else 'el'), of
@@ -211,7 +211,7 @@ def _polynomial(result, of, power, mount='equatorial'):
 
 
 def propose(context, lacking, own):
-    """Polynomials, of mounts that are no alt-azimuth ones, and what a counterweight does."""
+    """Polynomials and effects of a counterweight, for mounts other than alt-azimuth ones."""
     mount = context.mount
     if mount.vertical:
         return

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What happens at a place that nobody knows: a mirror that flops, a joint of the track.
+"""Errors at an unknown place: a mirror that flops, a joint of the track.
 
-The place, and of a joint its width, is scanned; one is meant. What flops goes by the pull of
-gravity, so by the elevation, and shows in the frame of the tube; what a wheel runs over goes by the
+The place, and for a joint its width, is scanned; at most one is real. A flop depends on gravity,
+so on the elevation, and is fixed in the frame of the tube. Joints under a wheel depend on the
 first axis.
 """
 
@@ -27,20 +27,20 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from .base import Effect, Offer, arcsec, effect, form, single_rows
 
 _TURN = 2.0 * np.pi
-#: places of a flop that are tried, at most (with half as many, 95 of 100 flops of lambda 7 in 120
-#: rows are found, not 97), and with play between both ways that is, rad
+#: largest number of flop elevations tried (half as many find 95, not 97, of 100 flops of lambda 7
+#: in 120 rows), the same with play, and values of play between both directions, rad
 _FLOPS, _FLOPS_WITH_PLAY, _PLAYS = 96, 48, (5.0 * DEG, 10.0 * DEG, 15.0 * DEG)
-#: rows on either side of a flop, and within a bump, at least
+#: least number of rows on either side of a flop, and within a bump
 _FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
-#: 1-sigma widths of a bump that are tried, rad; equal joints in a turn
+#: 1-sigma widths of a bump that are tried, rad; numbers of equal joints per turn
 _WIDTHS, _JOINTS = (2.0 * DEG, 4.0 * DEG, 8.0 * DEG, 16.0 * DEG), (3, 4, 6, 8, 12)
-#: from one place to the next, and within what a row counts as in the bump, in widths
+#: in widths: distance between trial places, and distance within which a row is in the bump
 _SPACING, _WITHIN = 1.0, 1.5
 _LOOK_AT_MIRROR = 'supports and lock of the mirror, supports of the secondary, the focuser'
 
 
 def _flopped(c, at, play):
-    """1 where it lies as it does low down, 0 as high up."""
+    """1 in the low position, 0 in the high one."""
     el = c.get('elevation')
     if play:
         return np.where(np.isnan(c.get('approach_el')), np.nan,
@@ -52,7 +52,7 @@ def _flopped(c, at, play):
 def _flop(at, axis='both', play=0.0, mount=USUAL):
     """A step of the line of sight at an elevation; with `play` it is higher on the way up.
 
-    `axis`: 'both'; stored models may have a step of one, 'az', sideways, or 'el', up or down.
+    `axis`: 'both'; stored models may have a step in one only: 'az', sideways, or 'el', up or down.
     """
     def of(c):
         value = _flopped(c, at, play)
@@ -81,7 +81,7 @@ def _flop(at, axis='both', play=0.0, mount=USUAL):
 
 @form
 def _track_bump(centre, width, count=1, mount=USUAL):
-    """The first axis dips over a joint of its track; of `count` equal joints all are meant."""
+    """A dip of the first axis over a joint of its track, or over `count` equally spaced joints."""
     names = KINDS[mount]
     word = names.word('az')
 
@@ -92,7 +92,7 @@ def _track_bump(centre, width, count=1, mount=USUAL):
     def wording(amount):
         where = f'{np.degrees(centre) % (360.0 / count):.0f}°'
         where += f' and each {360.0 / count:.0f}° from there' if count > 1 else ''
-        # positive: the encoder reads too much, so the tube is too low
+        # positive: the encoder reads too high, so the tube is too low
         moves = (f'{"dips" if amount.values[0] > 0.0 else "rises"} by {arcsec(amount.size)}'
                  if names.vertical else f'moves by {arcsec(amount.values[0], True)}')
         within = 'within' if width < 0.99 * _WIDTHS[-1] else 'over at least'
@@ -115,7 +115,7 @@ def _track_bump(centre, width, count=1, mount=USUAL):
 
 
 def propose(context, lacking, own):
-    """Where rows enough are on either side of a place, or within it."""
+    """Places with enough rows on either side, or within."""
     yield Offer('flop', [effect('flop', at=at) for at in _between(context, _FLOPS)])
     against = single_rows(context, 'approach_el', -1.0, 1.0)
     if context.mount.vertical and context.get('approach_el') is not None and not against:
@@ -129,7 +129,7 @@ def propose(context, lacking, own):
 
 
 def _between(context, most):
-    """Elevations between rows, at most so many, with some rows on either side."""
+    """At most `most` elevations between rows, with some rows on either side."""
     el = np.sort(context.get('elevation'))
     between = 0.5 * (el[1:] + el[:-1])[_FEWEST_BEYOND - 1:len(el) - _FEWEST_BEYOND]
     between = between[np.diff(el)[_FEWEST_BEYOND - 1:len(el) - _FEWEST_BEYOND] > 1e-4]
@@ -137,7 +137,7 @@ def _between(context, most):
 
 
 def _places(angle, width, count):
-    """Places of a bump with rows enough within it."""
+    """Places of a bump with enough rows within it."""
     period = _TURN / count
     if width * 2.0 * _SPACING > period:
         return []

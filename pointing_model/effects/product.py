@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A column as other programs' models write it: a product of functions of the two angles.
+"""Columns of other programs' models: products of functions of the two angles.
 
-They come with a model that was read from a file (`pointing_model.runs.model_files`); no diagnosis
-looks for them, so this module proposes none.
+They belong to models that were read from a file (`pointing_model.runs.model_files`). A diagnosis
+does not search for them, so this module proposes none.
 """
 
 import numpy as np
 
 from .base import Effect, form
 
-#: what is moved: an axis' angle, the line of sight across, or across by the tilt of an axis
+#: action of a column: on an axis angle, across the line of sight, or across by tilt of an axis
 RESULTS = {
     'az': (lambda t, v: (v * t.cos_el, 0.0), 'on the azimuth angle', 'az'),
     'lr': (lambda t, v: (v, 0.0), 'across the line of sight', 'az'),
@@ -42,7 +42,7 @@ _WRITTEN = {'cot_power': 'cot^{k} {u}', 'power': '{u}^{k}', 'abssin': '|sin {k}{
 
 
 def value_of(factors, az, el):
-    """Product of the factors (function, 'A' or 'E', number) at directions, radians."""
+    """Product of the factors (function, 'A' or 'E', number) for directions in radians."""
     out = np.ones_like(np.asarray(az, float))
     for function, angle, k in factors:
         out = out * FUNCTIONS[function](az if angle == 'A' else el, k)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What turns with a field rotator: a camera whose reference point is off the rotator's axis."""
+"""Errors that turn with a field rotator: a camera whose reference point is off its axis."""
 
 import re
 
@@ -23,9 +23,9 @@ from msg_tools.units import DEG
 from .base import Effect, arcsec, effect, form, offer
 
 _ROTATOR = re.compile(r'^(de)?rot(?!ation_rate)')
-#: an angle of more than a turn is in degrees, whatever its column is called
+#: larger angles are in degrees, whatever the column is called
 _MOST_RADIANS = 2.0 * np.pi + 1e-3
-#: of the cosine or the sine, its scatter at least: an offset that hardly turns is CA and IE
+#: least scatter of cosine or sine: with less rotation the offset is degenerate with CA and IE
 _TURNS = 0.1
 
 
@@ -36,7 +36,7 @@ def is_rotator(name):
 
 @form
 def _rotator_offset(driver, sense, unit=DEG):
-    """A point (a, b) of the camera, turned by the angle, which grows to the one or other side."""
+    """Offset (a, b) of a point of the camera that rotates with the angle, in either sense."""
     def of(c):
         angle = sense * unit * c.get(driver)
         return [(np.cos(angle), np.sin(angle)), (-np.sin(angle), np.cos(angle))]
@@ -54,7 +54,7 @@ def _rotator_offset(driver, sense, unit=DEG):
 
 
 def propose(context, lacking, own):
-    """Where a column is a rotator's angle that turns."""
+    """If a column is the angle of a rotator that turns."""
     for name in filter(is_rotator, context.own_columns()):
         def build(values, name=name):
             unit = 1.0 if name.lower().endswith('rad') or (

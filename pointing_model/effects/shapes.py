@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Waves of either angle in either axis, which have a name in TPOINT and no cause here.
+"""Harmonics of either angle in either axis, which have a name in TPOINT but no known cause.
 
-Below order 3 they are left to what has a cause: the zeros, the collimation and the axes that are
-not square take up nearly all of a wave of an angle that goes over less than a quarter turn.
+Orders below 3 are left to effects with a cause: over less than a quarter turn zeros, collimation
+and non-perpendicularity absorb nearly all of such a wave.
 """
 
 import numpy as np
@@ -25,18 +25,19 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from .base import Effect, Offer, effect, form, times
 
 ORDERS = range(3, 9)
-#: how a wave of the first angle may go with the second that is no nod, wobble or line of sight
+#: dependence of a wave of the first angle on the second, other than a nod, wobble or line of sight
 _PARTNERS = {'sin 2{e}': lambda t: 2.0 * t.sin_el * t.cos_el, 'cos {e}': lambda t: t.cos_el,
              'sin {e}': lambda t: t.sin_el}
-#: price of one of three, 2 ln 3, in ln n of some 60 rows: a nod has orders, too, and pays none
+#: price of a choice of one in three, 2 ln 3, in units of ln n for some 60 rows; a choice of order
+#: is free, as for a nod
 _CHOICE = 0.5
-#: TPOINT's letters of results, of `MountKind.tpoint`
+#: index of TPOINT's letter for a result in `MountKind.tpoint`
 _RESULTS = {'az': 0, 'el': 1, 'sky': 3}
 
 
 @form
 def _harmonic(result, of, order, mount=USUAL):
-    """`order` waves in a turn of an angle in the reading of an axis, or left and right ('sky')."""
+    """`order` waves per turn of an angle, in the reading of an axis or left-right ('sky')."""
     k, names = int(order), KINDS[mount]
     word, letter = names.word(of), names.letter(of)
     what = 'left-right' if result == 'sky' else names.word(result)
@@ -63,7 +64,7 @@ def _harmonic(result, of, order, mount=USUAL):
 
 @form
 def _nod_unlike(order, partner, mount=USUAL):
-    """A wave of the first angle up and down whose size is another at another second angle."""
+    """A wave of the first angle in the second axis, whose size depends on the second angle."""
     k, names = int(order), KINDS[mount]
     a, e = names.letters
     how = partner.format(e=e)
@@ -89,7 +90,7 @@ def _nod_unlike(order, partner, mount=USUAL):
 
 
 def propose(context, lacking, own):
-    """Orders from 3 on, where no effect with a cause has the same columns."""
+    """Orders from 3 on that no effect with a cause has."""
     yield Offer('harmonic', [
         effect('harmonic', result=result, of=of, order=order)
         for result, of, lowest in (('sky', 'el', 3), ('el', 'el', 4), ('az', 'el', 3),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sky and the clock: aberration, equinox, proper motion, time, place, latency."""
+"""Sky and clock: aberration, equinox, proper motion, time, site, latency."""
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from pointing_model.pointing_terms import TERMS
 from .base import Effect, Offer, effect, form, offer
 
 _STARS = 'catalogue, equinox and corrections of the star places'
-#: arcsec: what the speed of the Earth makes of a star's place, over the year (its orbit is no
-#: circle), and that of the equator
+#: aberration, arcsec: by the speed of the Earth over the year (its orbit is elliptic), and by the
+#: rotation at the equator
 _ANNUAL, _DIURNAL = (20.15, 20.84), 0.3193
 _CLOCK = 'clock of the control computer, UT1 - UTC, coordinates of the site'
 
@@ -128,11 +128,11 @@ def _latency(mount=USUAL):
 
 
 def propose(context, lacking, own):
-    """What needs the site, the sidereal time, catalogue stars or rates."""
+    """Effects that need the site, sidereal time, catalogue stars or rates."""
     yield Offer('diurnal_aberration', [effect(
         'diurnal_aberration', latitude=None if context.latitude is None
         else float(context.latitude))])
-    # the same columns; the axes of another mount know nothing of it
+    # the same columns; on other mounts the latitude does not act through the axes
     if context.mount.vertical and 'AN' not in lacking:
         yield Offer('latitude', [effect('latitude')])
     if context.latitude is None:

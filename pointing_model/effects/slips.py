@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Slews that slip: a zero that moves with each slew of more than some length.
+"""Slipping slews: a zero that moves with each slew longer than some limit.
 
-A clutch, a friction wheel or a belt lets go where the slew is long (it is fast then): by the same
-amount each time, in the direction of the motion or always to one side, as where the tube is out of
-balance. One slip alone is a step (`drifts`).
+A clutch, a friction wheel or a belt slips in long (fast) slews: by the same amount each time,
+in the direction of motion, or always to one side, as for an unbalanced tube. A single slip is a
+step (`drifts`).
 """
 
 import numpy as np
@@ -27,18 +27,18 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
 from .drifts import clock, several_runs
 
-#: slips, at least: fewer are steps; share of the slews, at most; lengths tried between them
+#: least number of slips (fewer are steps); largest fraction of the slews; number of lengths tried
 _FEWEST, _MOST, _TRIED = 3, 0.7, 40
-#: least length of a slew: what an axis turns by less may be its error itself
+#: least length of a slew: shorter moves may be due to the pointing error itself
 _SLEW = 1.0 * DEG
-#: by which the longer slews are longer: on a grid of equal steps it is the error that tells which
-#: are, and "slips" would follow it
+#: least gap in length between long and short slews: on a grid of equal steps the error itself
+#: would decide which are long, and "slips" would follow it
 _LONGER = 0.1 * DEG
 
 
 @form
 def _slips(axis, least, at, signs, driver='time', mount=USUAL):
-    """A zero that moves at each of the moments `at`, by one amount with the `signs`."""
+    """A zero that moves at each of the times `at`, by one amount with the given `signs`."""
     names = KINDS[mount]
     moments, level = np.asarray(at, float), np.concatenate([[0.0], np.cumsum(signs)])
     level = level - level[-1] / 2.0
@@ -69,7 +69,7 @@ def _slips(axis, least, at, signs, driver='time', mount=USUAL):
 
 
 def propose(context, lacking, own):
-    """Where slews of an axis differ in length, by several thresholds."""
+    """If the slews of an axis differ in length; several thresholds are offered."""
     driver, _ = clock(context)
     when = context.get(driver)
     for axis, word in AXES.items():
@@ -84,7 +84,7 @@ def propose(context, lacking, own):
 
 
 def _of_lengths(axis, way, when, driver):
-    """Slips of all slews longer than some, each set of slews once."""
+    """Slips of all slews longer than a limit; each set of slews once."""
     known = np.isfinite(way) & np.isfinite(when)
     order, out = np.argsort(when[known]), []
     way, when = way[known][order], when[known][order]
@@ -100,7 +100,7 @@ def _of_lengths(axis, way, when, driver):
             continue
         slipped = length > least
         signs = np.sign(way[slipped])
-        # before the row that the slew ends at
+        # before the row at the end of the slew
         at = (when[slipped] - 1e-6 * np.ptp(when)).tolist()
         given = {'axis': axis, 'least': least, 'at': at, 'driver': driver}
         if np.ptp(signs) > 0.0:

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A zero that changes slowly, without a cause: a Gaussian process in time.
+"""A zero that changes slowly without a known cause: a Gaussian process in time.
 
-It serves prediction alone: no diagnosis looks for it, so this module proposes none. Its memory is
-exponential (Ornstein and Uhlenbeck); between the knots it is the process's own interpolation, and
-away from them it goes back to zero. The last column is what the knots leave open, with a
-coefficient of zero: its variance makes the standard error grow where and when there are no rows.
+It is used for prediction only: a diagnosis does not search for it, so this module proposes none.
+The covariance is exponential (Ornstein-Uhlenbeck): between the knots the process interpolates, and
+away from them it returns to zero. The last column is the standard deviation left by the knots, with
+a coefficient of zero: it makes the standard error grow where and when there are no rows.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ from .base import Effect, driver_word, form, on_axis
 
 @form
 def _slow_zero(axis, knots, memory, driver='time', mount=USUAL):
-    """The zero of an axis as a process of `memory` (in the driver's unit) about `knots`."""
+    """The zero of an axis as a process of correlation time `memory` with values at `knots`."""
     names, knots = KINDS[mount], np.asarray(knots, float)
     among = np.exp(-np.abs(knots[:, None] - knots) / memory) + 1e-9 * np.eye(len(knots))
     lower = np.linalg.cholesky(among)

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What follows a temperature: late, by a thermometer on the mount, at the secondary mirror.
+"""Thermal effects: with a lag, by a thermometer on the mount, at the secondary mirror.
 
-The temperature of a heavy part follows that of the air as q' = (T - q) / tau (Newton's law of
-cooling, one time constant). The log of the air is that of the rows. Where it does not begin early
-enough, what the part had before it is one more number, which fades with tau.
+The temperature q of a heavy part follows the air as q' = (T - q) / tau (Newton's law of cooling,
+one time constant). The air temperature comes from the rows and the log of the run. If these do not
+begin early enough, the initial temperature of the part is a further parameter; it decays with tau.
 """
 
 import re
@@ -29,14 +29,14 @@ from pointing_model.pointing_terms import terms_of
 from .base import Effect, Offer, arcsec, driver_word, effect, form, offer, the
 from .drifts import about, moving, progress
 
-#: s, tried: half as much and twice as much make nearly the same curve
+#: time constants tried, s: half or double the value gives nearly the same curve
 LAGS = tuple(60.0 * minutes for minutes in (10, 20, 40, 80, 160))
-#: time constants after which the log has forgotten how it began
+#: time constants after which the start of the log does not matter
 BEFORE = 2.0
-#: part of its scatter in which what is late, or fades from the start, differs from the temperature
-#: at least
+#: least fraction of its scatter by which the lagged temperature, or the decay from the start,
+#: must differ from the temperature itself
 _BENDS = 0.1
-#: a lag is at least so many steps from row to row
+#: least lag, in steps from row to row
 _STEPS = 1.5
 _LATE = ('TF', 'CA')
 _WARM = re.compile(r'temp|ambient|amb(_|$)|^t[_-]?(amb|air|tube|truss|mirror|dome|cell|steel)')
@@ -48,12 +48,12 @@ def is_thermometer(name):
 
 
 def lagged(context, driver, tau):
-    """A driver as a part of the time constant `tau` has it, and what fades from the start.
+    """A driver lagged by the time constant `tau`, and the decay from the start.
 
     Parameters
     ----------
     context : Context
-        The log is that of all rows of its run, straight between them.
+        Its log has all rows of the run, interpolated linearly.
     driver : str
     tau : float
         s.
@@ -61,7 +61,8 @@ def lagged(context, driver, tau):
     Returns
     -------
     late, fading : ndarray, shape (n,)
-        NaN where the driver or the time is unknown. `late` begins in balance with the first value.
+        NaN where the driver or the time is unknown. `late` starts in equilibrium with the first
+        value.
     """
     time, value = context.log_of(driver)
     at, out = context.get('time'), np.full((2, len(context)), np.nan)
@@ -69,7 +70,7 @@ def lagged(context, driver, tau):
         return out
     steps = np.diff(time)
     slope, left = np.diff(value) / steps, np.exp(-steps / tau)
-    late, behind = np.empty(len(time)), 0.0  # what it is behind the log
+    late, behind = np.empty(len(time)), 0.0  # difference from the log
     late[0] = value[0]
     for i in range(len(steps)):
         behind = slope[i] * tau + (behind - slope[i] * tau) * left[i]
@@ -85,7 +86,7 @@ def lagged(context, driver, tau):
 
 @form
 def _lagged(of, tau, driver='temperature', origin=0.0, within=None, start=True, mount=USUAL):
-    """A term x the late driver; with ``start`` what it had before the log is fitted, too."""
+    """A term x the lagged driver; with ``start`` the temperature before the log is fitted, too."""
     what, axes, words = moving(of, KINDS[mount])
     term = terms_of(mount)[KINDS[mount].named(of)]
 
@@ -111,13 +112,13 @@ def _lagged(of, tau, driver='temperature', origin=0.0, within=None, start=True, 
                   'before the first star',
                   f'a slow change with {the(driver)}, late', '', 'arcsec/K',
                   requires=('time', driver), scan=f'lag_{of}', searched=('tau',), share='scans',
-                  # a lag changes the curve little: it is no number that is free
+                  # a lag changes the curve little: it does not count as a free parameter
                   scanned=0)
 
 
 @form
 def _secondary(driver='temperature', origin=0.0, scale=1.0, within=None, mount=USUAL):
-    """Temperature x height: how a secondary mirror hangs changes with the temperature."""
+    """Temperature-dependent hang of a secondary mirror: temperature x (cos E, sin E)."""
     def columns(c):
         u, zenith = progress(c, driver, origin, scale, within), c.trig.zenith
         return [c.trig.lifted(u * zenith.cos_el), c.trig.lifted(u * zenith.sin_el)]
@@ -138,13 +139,13 @@ def _secondary(driver='temperature', origin=0.0, scale=1.0, within=None, mount=U
 
 
 def propose(context, lacking, own):
-    """Of the temperature, and of columns of the file that are temperatures or named as causes."""
+    """For the temperature, and for columns that are temperatures or declared as causes."""
     yield from _lags(context)
     yield offer('secondary', 'secondary mirror with temperature', context, 'temperature',
                 lambda v: [effect('secondary', **about('temperature', 1.0, v))])
     for name in context.extra():
         if is_thermometer(name) or name in context.drivers:
-            # its zeros and the collimation: `camera.propose` of any column
+            # zeros and collimation of any column: see `columns.propose`
             yield offer('drift', name, context, name, lambda v, name=name: [
                 *(effect('drift', of=of, **about(name, float(np.std(v)), v))
                   for of in ('TF', 'tilt')),
@@ -152,7 +153,7 @@ def propose(context, lacking, own):
 
 
 def _lags(context):
-    """Lags that the run can tell from the temperature itself."""
+    """Lags that the run can distinguish from the temperature itself."""
     what, driver = 'late temperature', 'temperature'
     values, reason = context.span(driver)
     at = context.get('time')
@@ -171,7 +172,7 @@ def _lags(context):
         plain = np.column_stack([np.ones(known.sum()), context.get(driver)[known]])
         rest = both[:, known].T - plain @ np.linalg.lstsq(plain, both[:, known].T, rcond=None)[0]
         bends, fades = rest.std(axis=0) > _BENDS * np.array([log.std(), both[1, known].std()])
-        # in balance as the log begins; and not, unless it is long forgotten
+        # start in equilibrium; and out of it, unless the start is long past
         starts = [start for start, offered in (
             (False, bends), (True, (bends or fades) and rows[0] - time[0] < BEFORE * tau))
             if offered]

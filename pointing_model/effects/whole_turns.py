@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What knows how often the first axis has gone round: the cage of its bearing, cables.
+"""Errors that depend on the number of turns of the first axis: bearing cages, cables.
 
-The angle is that of the catalogue with the whole turns that the encoder reads (`Context.get`,
+The angle is the catalogue angle with the whole turns that the encoder reads (`Context.get`,
 ``unwrapped_az``).
 """
 
@@ -25,26 +25,26 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
 
 _TURN = 2.0 * np.pi
-#: turns of the cage in a turn of the axis: 0.5 (1 +- d / D cos alpha) of balls of diameter d on a
+#: turns of the cage per turn of the axis: 0.5 (1 +- d / D cos alpha) for balls of diameter d on a
 #: circle D (T. A. Harris, Rolling Bearing Analysis, ch. 25)
 _CAGE = (0.35, 0.6)
-#: travel from which a cage is told from what repeats each turn, and from which a cable's pull is,
-#: in turns
+#: least travel, in turns, to distinguish a cage from errors that repeat each turn, and to detect
+#: the pull of a cable
 _TRAVEL, _WOUND = 1.2, 0.75
-#: by which readings must leave one turn, from 0 or about 0: errors alone leave it by less
+#: least excess of readings beyond one turn, from 0 or around 0; errors alone exceed it by less
 _BEYOND = np.radians(1.0)
-#: in an axis, or how the axis leans
+#: in one axis, or as a tilt of the axis
 _WAYS = ('el', 0), ('az', 0), ('lean', 1), ('lean', -1), ('lean', 0)
-#: phase at the ends of the travel from one ratio to the next that is tried, turns
+#: step between trial ratios: phase at the ends of the travel, turns
 _SPACING = 0.08
 _ANGLE = 'unwrapped_az'
 
 
 @form
 def _bearing_cage(ratio, how, turn=0, mount=USUAL):
-    """`how`: 'el' or 'az', the axis in which it shows, or 'lean', the axis leans all round.
+    """`how`: 'el' or 'az', the axis in which it shows, or 'lean', a rotating tilt of the axis.
 
-    It leans by as much all round, with the cage or against it (`turn` 1, -1), or along an ellipse.
+    The tilt is circular, with the cage or against it (`turn` 1, -1), or an ellipse.
     """
     names = KINDS[mount]
     shaft, a, e = names.shaft('az'), *names.letters
@@ -78,10 +78,10 @@ def _bearing_cage(ratio, how, turn=0, mount=USUAL):
 
 @form
 def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
-    """A line of the unwrapped angle and its cube over the travel, held at the ends.
+    """A linear and a cubic function of the unwrapped angle over the travel, constant beyond it.
 
-    `slack`: wherever they pull least, which takes a square too; in stored models without it that is
-    the middle of the travel.
+    `slack`: with a quadratic part, so cables may pull least anywhere; in stored models without it
+    they pull least in the middle of the travel.
     """
     names = KINDS[mount]
     shaft, turns = names.shaft('az'), half * 2.0 / _TURN
@@ -101,7 +101,7 @@ def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
                   f'cables drag: the {names.word(axis)} error grows as the {shaft} winds them up',
                   f'{names.letter("az")} counted in turns: a line, ' + 'its square ' * slack
                   + 'and its cube',
-                  # a spring that stiffens; a wave over the range is that of a disc off its centre
+                  # a stiffening spring; a wave over the range would be that of an eccentric disc
                   _ANGLE, axis, ('line', 'square', 'cube') if slack else ('line', 'cube'), of,
                   lambda amount: f'The {names.word(axis)} error follows how far the {shaft} has '
                   f'wound up its cables, {arcsec(travel(amount))} over the '
@@ -113,13 +113,13 @@ def _cable_drag(axis, middle, half, slack=False, mount=USUAL):
 
 
 def _within_one_turn(angle):
-    """Whether angles, radians, stay within 0° to 360°, or within 180° of 0."""
+    """Whether angles, radians, stay within 0 to 360 deg, or within 180 deg of 0."""
     return any(np.abs(angle - middle).max() < 0.5 * _TURN + _BEYOND
                for middle in (0.0, 0.5 * _TURN))
 
 
 def propose(context, lacking, own):
-    """A cage from 1.2 turns on; cables where the readings go nearly round, and leave one turn."""
+    """A cage from 1.2 turns on; cables if the readings nearly go round and exceed one turn."""
     values, reason = context.span(_ANGLE)
     turns = 0.0 if reason else float(np.ptp(values)) / _TURN
     cage = reason or (None if turns >= _TRAVEL else (
