@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which of a choice stand with all others in the model, and gain on rows left out."""
+"""Backward elimination: keep groups that are significant beside all others, and cross-validated."""
 
 import numpy as np
 
@@ -22,23 +22,22 @@ from .folds import cross_validate_quickly
 from .linear_model import LIVE
 from .significance import significance, significances
 
-#: part of the RMS of rows left out that a change of an effect must take off: a place or a width
-#: that is not quite right looks like one
+#: part of the cross-validated RMS that a change of an effect must remove: an effect at a slightly
+#: wrong place or width looks like a changing one
 _WORTH = 0.05
 
 
 def eliminate(problem, choice, alpha, chance, partitions, alone=False):
-    """Test each of a choice with all others in the model, and drop until all of them hold.
+    """Test each selected group with all others in the model; drop one by one until all pass.
 
     Parameters
     ----------
     problem, alpha, chance, partitions
-        As of `select.choose`.
+        See `select.choose`.
     choice : ModelChoice
-        Is changed.
+        Changed in place.
     alone : bool
-        Whether it is not asked how each stands in the end, and what could stand in its place; of a
-        part it never is.
+        Skip the final `Significance` of each group, with its alternatives; always so in a fold.
 
     Returns
     -------
@@ -64,21 +63,21 @@ def eliminate(problem, choice, alpha, chance, partitions, alone=False):
 
 
 def _weakest(problem, choice, alpha, chance, alone, failing):
-    """Which of a choice does not hold beside the others, of several the likeliest by chance.
+    """The least significant group (largest p) of those that fail beside the others.
 
-    Those that failed before are asked first.
+    Those that failed before are tested first.
 
     Returns
     -------
     weakest : int or None
     failing : list of CandidateGroup
-        Others that do not hold.
+        Other groups that fail.
     """
     for asked in (failing, choice.chosen):
         weakest, most, failing = None, -1.0, []
         for i in reversed(range(len(choice.chosen))):
             one = choice.chosen[i]
-            # an effect stays while it changes: in the middle of the night it may be small
+            # an effect stays while its change is selected: in mid-run the effect may be small
             if one not in asked or one.changes(choice.chosen):
                 continue
             found = significance(problem, choice, i, chance, alpha, alone, most)
@@ -94,15 +93,16 @@ def _weakest(problem, choice, alpha, chance, alone, failing):
 
 
 def _gains(problem, choice, partitions):
-    """What each takes off the RMS of rows left out, the others being in the model, arcsec.
+    """Cross-validated RMS removed by each group, the others being in the model, arcsec.
 
-    Of an effect of one axis the RMS of that axis counts: what it does there must hold there. Of
-    each the least of all partitions; empty without any.
+    For an effect of one axis the RMS of that axis. The least of all partitions; empty without
+    partitions.
 
     Returns
     -------
-    gains, spare : list of float
-        Also how much more than it must.
+    gains : list of float
+    spare : list of float
+        The same less the required improvement.
     """
     keep, noise = choice.fit.weights > LIVE, choice.fit.noise
     if not partitions or not choice.chosen:

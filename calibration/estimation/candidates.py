@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Candidate groups of columns, and their scores on what a fit leaves."""
+"""Candidate groups of columns, and their scores on the residuals of a fit."""
 
 from copy import copy
 from dataclasses import dataclass
@@ -25,18 +25,20 @@ from msg_tools.units import ARCSEC
 from .linear_model import DISTINCT, LIVE
 from .reduced_squares import directions, each_two, reduced_squares, times_rows
 
-#: 2 ln L by which equals may differ: two names of one curve, by rounding
+#: rounding error of 2 ln L: two names of one curve may differ by this much
 TIE = 1e-6
 #: standard errors within which a fitted size agrees with one that physics fixes
 AGREES = 3.0
-#: bytes of columns that are at work at a time, and groups of which they are at least
+#: bytes of columns processed at a time, so that they fit the cache; fewest groups at a time
 _NEAR, _FEW = 4_000_000, 8
 
 
 @dataclass(frozen=True)
 class CandidateGroup:
-    """A group of the dictionary, of the curves, of the changes of a group of the dictionary, or of
-    the waves of unknown period.
+    """Reference to a candidate group.
+
+    A group of the dictionary, of the curves, of the changes of dictionary group `of`, or of the
+    waves of unknown period.
     """
 
     group: int
@@ -46,15 +48,15 @@ class CandidateGroup:
 
     @property
     def plain(self):
-        """Whether it is of the dictionary."""
+        """Whether it is a group of the dictionary."""
         return not (self.curve or self.period) and self.of is None
 
     def changes(self, chosen):
-        """Whether a change of it is among a choice."""
+        """Whether a change of it is among the selected groups."""
         return self.plain and any(c.of == self.group for c in chosen)
 
     def bank(self, problem):
-        """Where it comes from."""
+        """The `CandidateBank` that holds it."""
         if self.of is not None:
             return problem.changes(self.of)
         if self.period:
@@ -62,35 +64,34 @@ class CandidateGroup:
         return problem.curves if self.curve else problem.dictionary
 
     def family(self, problem, chosen):
-        """All that it is chosen from beside `chosen`, and its place there: CandidateBank, int."""
+        """All candidates it competes with, with `chosen` selected, and its index among them."""
         if self.of is None:
             return self.bank(problem), self.group
         bank, all_ = problem.changes_of(chosen)
         return bank, all_.index(self)
 
     def columns(self, problem):
-        """Shape (d, 2n)."""
+        """Its columns, shape (d, 2n)."""
         return self.bank(problem).of(self.group)
 
     def effect(self, problem):
-        """What the group stands for."""
+        """The effect whose columns the group holds."""
         return self.bank(problem).effects[self.group]
 
 
 @dataclass
 class Scores:
-    """Of every candidate group on one residual.
+    """Scores of every candidate group on the residual of one fit.
 
     Attributes
     ----------
     dof : ndarray of int, shape (G,)
-        Columns that the model does not have; 0: none, it cannot be told from the model.
+        Directions that the group adds to the model; 0: it is degenerate with the model.
     delta_bic : ndarray, shape (G,)
-        Gain of adding the group; -inf where dof is 0, and where physics fixes the group's size
-        and the rows ask for another.
+        Gain in BIC from adding the group; -inf where dof is 0, and where physics fixes the
+        group's size and the fitted size disagrees.
     bank : CandidateBank
     fit : WeightedFit
-        That left the residual.
     """
 
     dof: np.ndarray
@@ -99,21 +100,21 @@ class Scores:
     fit: object
 
     def basis(self, group):
-        """Orthonormal basis of one group beyond the model, shape (d, 2n)."""
+        """Orthonormal basis of one group orthogonal to the model, shape (d, 2n)."""
         return next(self.bank.bases(self.fit, [group]))[1][0]
 
 
 @dataclass
 class _AxisColumns:
-    """Columns of a bank on one axis, and their products row by row: with weights they are sums.
+    """Columns of a bank on one axis, and their products row by row, to be summed with weights.
 
     Attributes
     ----------
     columns, pairs : ndarray of int, shape (k,), (q,)
-        Which of the bank have anything on this axis.
+        Indices of those of the bank that are not zero on this axis.
     values, squares : ndarray, shape (k, n)
     pair : ndarray of int, shape (2, q)
-        Of `values`.
+        The two columns of each pair, as indices of `values`.
     products : ndarray, shape (q, n)
     """
 
@@ -126,7 +127,7 @@ class _AxisColumns:
 
     @classmethod
     def of(cls, columns, some, pairs):
-        """Of columns (K, n), `some` of which (a mask) count, and pairs (2, Q) of them."""
+        """From columns (K, n), a mask `some` of those not zero, and pairs (2, Q) of them."""
         place, here = np.cumsum(some) - 1, np.flatnonzero(some)
         there = np.flatnonzero(some[pairs[0]])
         values, pair = columns[here], place[pairs[:, there]]
@@ -139,43 +140,43 @@ class CandidateBank:
     Parameters
     ----------
     effects : list of object
-        What each group stands for: ``coefficient_names``; ``line``, the same of groups of which
-        one is meant; ``driver``; ``scan`` and ``scanned``, the numbers that a scan tries; ``size``,
-        what physics fixes its length to, or None; ``share``, whose members share their chance.
+        The effect of each group: ``coefficient_names``; ``line``, equal for all members of a
+        scan; ``driver``; ``scan``, the kind of scan or None, and ``scanned``, its number of
+        parameters; ``size``, physical limits of its amplitude, or None; ``share``, its share of
+        the family-wise error.
     columns : ndarray, shape (k, 2n)
-        Of all groups, one after the other.
+        Columns of all groups, one group after the other.
     sizes : bool
-        Whether effects of a size that physics fixes are held to it; not where no cause is asked
-        for.
+        Whether the limits ``size`` are enforced; not where no cause is wanted.
     """
 
     def __init__(self, effects, columns, sizes=True):
         self.effects, self.columns = list(effects), columns
         self._sized = [g for g, e in enumerate(self.effects) if sizes and e.size is not None]
-        #: of each share: largest score of its groups by chance in each of many flips, ascending;
-        #: empty where it is not known
+        #: of each share: null distribution of its largest score, one for each flip, ascending;
+        #: empty where not known
         self.by_chance = {}
         sizes = np.array([len(e.coefficient_names) for e in self.effects], int)
         self._start = np.concatenate(([0], np.cumsum(sizes)))
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
         self._known, self._offered = {}, {}
-        # what was scanned, in parameters
+        # number of scanned parameters, which BIC counts too
         self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects],
                                   float)
         names = {}
         self.line = np.array([names.setdefault(e.line, len(names)) for e in self.effects], int)
-        #: of each share of the false alarms the groups that have it
+        #: groups of each share of the family-wise error
         self.shares = {share: np.array([g for g, e in enumerate(self.effects) if e.share == share])
                        for share in dict.fromkeys(e.share for e in self.effects)}
 
     @classmethod
     def empty(cls, n):
-        """Of `n` rows."""
+        """A bank of `n` rows without groups."""
         return cls([], np.empty((0, 2 * n)))
 
     @classmethod
     def joined(cls, banks):
-        """All groups of several, of the same rows."""
+        """All groups of several banks of the same rows."""
         return cls([e for bank in banks for e in bank.effects],
                    np.vstack([bank.columns for bank in banks]))
 
@@ -188,7 +189,7 @@ class CandidateBank:
         return self._start[:-1]
 
     def same_share(self, g):
-        """Groups that share the chance of group `g`, shape (r,)."""
+        """Groups with the same share of the family-wise error as group `g`, shape (r,)."""
         return self.shares[self.effects[g].share]
 
     def of(self, g):
@@ -196,7 +197,7 @@ class CandidateBank:
         return self.columns[self._start[g]:self._start[g + 1]]
 
     def replace(self, g, effect, columns):
-        """Put another effect with as many columns, shape (d, 2n), in the place of group `g`."""
+        """Replace group `g` by another effect with as many columns, shape (d, 2n)."""
         self._offered.setdefault(g, (self.effects[g], self.of(g).copy()))
         self.effects = [*self.effects[:g], effect, *self.effects[g + 1:]]
         self.of(g)[:] = columns
@@ -204,7 +205,7 @@ class CandidateBank:
         self._known.clear()
 
     def as_offered(self):
-        """The bank before any effect was put in the place of another; itself, where none was."""
+        """The bank before any `replace`; itself where there was none."""
         if not self._offered:
             return self
         out = copy(self)
@@ -223,22 +224,22 @@ class CandidateBank:
         """The bank of some rows (indices or a mask of n)."""
         n = self.columns.shape[1] // 2
         index = np.arange(n)[rows]
-        out = copy(self)  # what the effects are called is the same
+        out = copy(self)  # the effects stay the same
         both = np.concatenate((index, index + n))
-        # half the time of an index
+        # `take` needs half the time of indexing
         out.columns, out._known = self.columns.take(both, axis=1), {}
         out._offered = {g: (e, columns[:, both]) for g, (e, columns) in self._offered.items()}
         return out
 
     @cached_property
     def _of_axes(self):
-        """Of each group whether it has anything on x, and on y, shape (2, G): most have one."""
+        """Whether each group is not zero on x, and on y, shape (2, G): most act on one axis."""
         some = self.columns.reshape(len(self.columns), 2, -1).any(axis=2)
         return np.logical_or.reduceat(some, self.starts, axis=0).T
 
     @cached_property
     def _pairs(self):
-        """Each two columns of a group, shape (2, q), group after group."""
+        """All pairs of columns within a group, shape (2, q), group after group."""
         out = np.zeros((2, self._pair_start[-1]), int)
         for d, which in self._by_size:
             two = each_two(d)
@@ -248,18 +249,18 @@ class CandidateBank:
 
     @cached_property
     def _pair_start(self):
-        """First pair of each group, and the end, shape (G + 1,)."""
+        """Index of the first pair of each group, and the end, shape (G + 1,)."""
         sizes = np.diff(self._start)
         return np.concatenate(([0], np.cumsum(sizes * (sizes - 1) // 2)))
 
     def on_axis(self, axis):
-        """Columns of the groups that have anything on x (0) or y (1), ascending."""
+        """Columns of the groups that are not zero on x (0) or y (1), ascending."""
         return np.flatnonzero(np.repeat(self._of_axes[axis], np.diff(self._start)))
 
     def by_size(self, groups=None):
-        """Of each number of columns: the groups that have so many, (G_d,), and where, (G_d, d).
+        """Yield for each d the groups with d columns, (G_d,), and indices of these, (G_d, d).
 
-        Of all, or of some `groups`, an array.
+        Of all groups, or of some `groups`, an array.
         """
         if groups is not None:
             sizes = self._start[groups + 1] - self._start[groups]
@@ -270,21 +271,19 @@ class CandidateBank:
                 yield which, self._start[which][:, None] + np.arange(d)
 
     def _blocks(self, groups=None):
-        """Groups, all or some, ascending, so many at a time that their columns stay near the
-        processor.
-        """
+        """Groups, all or some, ascending, in blocks whose columns fit the processor's cache."""
         groups = np.arange(len(self)) if groups is None else np.asarray(groups, int)
         step = max(_FEW, _NEAR // max(8 * self.columns.shape[1], 1))
         return [groups[i:i + step] for i in range(0, len(groups), step)]
 
     def bases(self, fit, groups=None):
-        """Orthonormal bases of the groups beyond the model, of all or of some `groups`.
+        """Orthonormal bases of all or some `groups`, orthogonal to the model.
 
         Yields
         ------
         groups : ndarray of int, shape (G_d,)
         basis : ndarray, shape (G_d, d, 2n)
-            A row is zero where the group has fewer directions of its own.
+            Some rows are zero where the group adds fewer than d directions.
         dof : ndarray of int, shape (G_d,)
         """
         for block in self._blocks(groups):
@@ -297,13 +296,13 @@ class CandidateBank:
                 yield some, factor.transpose(0, 2, 1) @ basis, dof
 
     def score(self, fit, groups=None):
-        """Score all groups on what a fit leaves.
+        """Score all groups on the residuals of a fit.
 
         Parameters
         ----------
         fit : WeightedFit
         groups : sequence of int, optional
-            Of these at least, ascending; the others may count as not told from the model.
+            Groups that must be scored, ascending; others may get dof 0.
 
         Returns
         -------
@@ -316,15 +315,15 @@ class CandidateBank:
         return fit.known[key]
 
     def gains_without(self, fit, b, parts):
-        """Gains of all groups in the place of parts of what was fitted, at the weights of the fit.
+        """Gains of all groups in place of parts of the model, at the weights of the fit.
 
         Parameters
         ----------
         fit : WeightedFit
         b : ndarray, shape (2n,)
-            To which it was fitted.
+            The fitted values.
         parts : sequence of ndarray, shape (p, k)
-            Orthonormal, in the basis of the fit: each is left out in its turn.
+            Orthonormal directions in the basis of the fit; each part is removed in turn.
 
         Returns
         -------
@@ -343,18 +342,18 @@ class CandidateBank:
         return Scores(dof[0], dbic[0], self, fit)
 
     def _scored_without(self, fit, groups, out, onto_out, parted):
-        """`Scores.dof` and `.delta_bic`, shape (m, G), without directions of the model.
+        """`Scores.dof` and `.delta_bic`, shape (m, G), with each part of the model removed in turn.
 
         Parameters
         ----------
         fit, groups
-            As of `score`.
+            See `score`.
         out : ndarray, shape (p, k)
-            The directions in the basis of the fit, orthonormal within each part.
+            Removed directions in the basis of the fit, orthonormal within each part.
         onto_out : ndarray, shape (p,)
             Their products with the whitened values.
         parted : ndarray, shape (p, m)
-            1 where a direction is of a part, else 0: each part is left out in its turn.
+            1 where a direction belongs to a part, else 0.
         """
         shape = parted.shape[1], len(self)
         dof, dbic = np.zeros(shape, int), np.full(shape, -np.inf)
@@ -363,7 +362,7 @@ class CandidateBank:
         model = model.reshape(len(model), 2, -1).transpose(1, 0, 2)
         within = [of[:-1] @ of.T for of in model]
         of_axes, rss = [], []
-        for of, one in zip(model, within):  # the directions with each other, and with what is left
+        for of, one in zip(model, within):  # the directions with each other, and with the residual
             each, left = (out @ one[:, :-1] @ out.T) * (parted @ parted.T), out @ one[:, -1]
             more = left + each @ onto_out
             of_axes.append((each, more))
@@ -405,7 +404,7 @@ class CandidateBank:
                     dof[:, of_size] + self.scan_cost[of_size]) * np.log(live)
                 dbic[:, of_size] = np.where(dof[:, of_size] > 0, gain, -np.inf)
         for g in self._sized if groups is None else np.intersect1d(self._sized, groups):
-            for i in np.flatnonzero(dbic[:, g] > 0.0):  # else it is not chosen anyway
+            for i in np.flatnonzero(dbic[:, g] > 0.0):  # others are not selected anyway
                 mine = parted[:, i] > 0.0
                 if not agrees(self.effects[g].size,
                               *self._fitted(g, fit, out[mine], onto_out[mine])):
@@ -413,15 +412,15 @@ class CandidateBank:
         return dof, dbic
 
     def _products(self, fit, model, groups):
-        """Sums over rows of whitened columns of groups that follow one another (k of them).
+        """Sums over rows of products of the k whitened columns of consecutive groups.
 
         Returns
         -------
         length : ndarray, shape (k,)
-            Of the columns, before what runs have of their own was taken off.
+            Lengths of the columns, before each run's own columns were projected out.
         axes : list of (ndarray of shape (k, j), (k,), (q,))
-            Of x and y: products with `model`, shape (2, j, n), with themselves, and of each two of
-            one group, one pair of the group after the other.
+            Of x and y: products with `model`, shape (2, j, n), with themselves, and of all pairs
+            within a group.
         """
         n, noise, length = fit.n, fit.noise, None
         start, stop = self._start[groups[0]], self._start[groups[-1] + 1]
@@ -429,7 +428,7 @@ class CandidateBank:
         if fit.basis.groups.groups:
             columns = noise.whiten(self.columns[start:stop])
             length = np.sqrt(np.einsum('ij,ij->i', columns, columns))
-            fit.basis.off_groups(columns)  # it goes from axis to axis
+            fit.basis.off_groups(columns)  # this mixes the axes
         axes = []
         for axis in (0, 1):
             out = (np.zeros((stop - start, model.shape[1])), np.zeros(stop - start),
@@ -463,15 +462,13 @@ class CandidateBank:
             n = self.columns.shape[1] // 2
             rows = _AxisColumns.of(self.columns[start:stop, axis * n:(axis + 1) * n], some,
                                    self._pairs[:, first:last] - start)
-            if not whole:  # of many rows it would be as much as the columns again
+            if not whole:  # with many rows it would take as much memory as the columns
                 return rows
             self._known[key] = rows
         return self._known[key]
 
     def _fitted(self, g, fit, out, onto_out):
-        """Coefficients of a group beside the model without some directions, and their covariance,
-        radians.
-        """
+        """Coefficients (radians) of a group and their covariance, without some model directions."""
         white, free = np.array(fit.noise.whiten(self.of(g))), out @ fit.basis.common
         columns = fit.basis.off(white) + (white @ free.T) @ free
         residual = fit.residual + onto_out @ free
@@ -484,12 +481,12 @@ class CandidateBank:
 
 
 def agrees(size, coefficients, covariance):
-    """Whether fitted coefficients are as long as physics says, within their error.
+    """Whether the length of fitted coefficients is within limits set by physics, within its error.
 
     Parameters
     ----------
     size : tuple of float
-        Least and most length, arcsec.
+        Smallest and largest length, arcsec.
     coefficients : ndarray, shape (k,)
         Radians.
     covariance : ndarray, shape (k, k)
@@ -505,7 +502,7 @@ def agrees(size, coefficients, covariance):
 
 
 def best_of(scores, excluded=()):
-    """Group with the largest gain but for some, and the gain; (-1, -inf) where there is none."""
+    """Group with the largest gain but for `excluded`, and the gain; (-1, -inf) where none."""
     dbic = scores.delta_bic.copy()
     dbic[list(excluded)] = -np.inf
     g = largest(dbic) if len(dbic) else -1
@@ -513,5 +510,5 @@ def best_of(scores, excluded=()):
 
 
 def largest(values):
-    """Place of the largest value: of equals, which rounding would tell apart, the first."""
+    """Index of the largest value; the first of those equal but for rounding."""
     return int(np.flatnonzero(values >= values.max() - TIE)[0])

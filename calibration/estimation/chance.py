@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How large a candidate's score is by chance: sign flips of leverage-corrected residual pairs."""
+"""Significance of a candidate's score: sign flips of leverage-corrected residual pairs."""
 
 from copy import copy
 from functools import cached_property
@@ -24,33 +24,33 @@ from .choice_likelihood import ChoiceLikelihood
 from .memory_test import SIMULATIONS, MemoryMask, MemoryTest
 from .reduced_squares import times_rows
 
-#: rows with which a group's variance is moderated toward that of its axis: of a group on 100 rows
-#: its own counts half. The level does not hang on it (noise as 1/sin^2 E, alpha 0.05, false alarms
-#: of 60 nights with 1, 100, 1e6: 30 stars 1, 3, 1; 200 stars 4, 5, 4).
+#: prior rows that shrink a group's variance toward that of its axis: for a group on 100 rows its
+#: own variance has half the weight. The false-alarm rate hardly depends on it (noise as 1/sin^2 E,
+#: alpha 0.05, false alarms of 60 nights with 1, 100, 1e6: 30 stars 1, 3, 1; 200 stars 4, 5, 4).
 PRIOR = 100.0
-#: sign flips behind each p: of a p of 0.01, 1999 leave 0.002 of counting error
+#: sign flips for each p: at p = 0.01, 1999 flips have a counting error of 0.002
 FLIPS = 1999
 #: flips inside a fold, where a p is only compared with alpha
 NESTED_FLIPS = 499
-#: times as many, at most, while their share is so many of its errors or less away from alpha: else
-#: the seed decides (second effect of a run of 39 rows: named by 5 of 20 seeds, now by none)
+#: up to 4 times as many flips are drawn while p is within 2 counting errors of alpha: otherwise the
+#: seed decides (second effect of a run of 39 rows: named with 5 of 20 seeds, now with none)
 _LONGEST, _NEAR = 4, 2.0
-#: normal standard deviations above the largest of the first flips from where no flip will come near
+#: a score this many standard deviations above the largest of the first flips needs no further flips
 _FAR = 2.5
-#: groups from which on a score is tested among one in so many of them first
+#: with more groups than this, a score is first tested among every tenth of them
 _MANY, _THINNED = 400, 10
 
 
 def pair_corrected(basis, residual, beside=None):
-    """Residuals made as large as the noise: (I - H)^(-1/2) of each row's 2 x 2 block.
+    """Leverage-corrected residuals: (I - H)^(-1/2) of each row's 2 x 2 block.
 
     Parameters
     ----------
     basis : Basis
-        Of what was fitted.
+        Orthonormal basis of the fitted columns.
     residual : ndarray, shape (2n,)
     beside : ndarray, shape (j, 2n), optional
-        Further orthonormal rows that were fitted.
+        Further fitted directions, orthonormal.
 
     Returns
     -------
@@ -70,14 +70,14 @@ def pair_corrected(basis, residual, beside=None):
 
 
 def normal_score(gain, dof, nu):
-    """Standard normal equivalent of gain / dof ~ F(dof, nu) (Paulson), to compare groups."""
+    """Normal deviate equivalent to gain / dof ~ F(dof, nu) (Paulson), comparable across groups."""
     a, b = 2.0 / (9.0 * dof), 2.0 / (9.0 * nu)
     root = np.cbrt(gain / dof)
     return ((1.0 - b) * root - (1.0 - a)) / np.sqrt(a + b * root * root)
 
 
 def _gain_of(z, dof, nu):
-    """The gain from which on `normal_score` is `z`: infinite where no gain is as much."""
+    """Inverse of `normal_score`: the gain with score `z`; infinite where no gain reaches it."""
     a, b = 2.0 / (9.0 * dof), 2.0 / (9.0 * nu)
     square = np.square(1.0 - b) - z * z * b
     root = (1.0 - a) * (1.0 - b) + z * np.sqrt(np.maximum(
@@ -88,22 +88,22 @@ def _gain_of(z, dof, nu):
 
 
 class ChanceTest:
-    """Is a group's score beyond what flipped residuals give to the best of all groups?
+    """Compare a group's score with the best score of all groups on sign-flipped residuals.
 
-    The residual that is flipped is that of the model *with* the group, corrected for the
-    leverage of all its columns: a strong effect does not hide itself. Scores are studentised
-    with a variance for each group from that residual (so that noise may differ from row to row),
-    moderated toward the common one of the axis with `PRIOR` rows (a group on few rows would
-    have a wild variance otherwise).
+    The flipped residual is that of the model *with* the group, corrected for the leverage of all
+    its columns, so that a strong effect does not hide itself. Scores are studentised with a
+    variance for each group from that residual (the noise may be heteroscedastic), shrunk toward
+    the common variance of the axis with `PRIOR` rows (a group on few rows would otherwise have
+    an erratic variance).
 
     Parameters
     ----------
     fit : WeightedFit
-        Without the group.
+        Fit without the group.
     scores : Scores
-        On that fit.
+        Scores of the bank on that fit.
     group : int
-        The group to be tested.
+        Group to test.
     among : sequence of int, optional
         Groups that are scored; by default all.
     """
@@ -128,7 +128,7 @@ class ChanceTest:
             share = (rows / (rows + PRIOR))[:, None, None]
             whiten = _inverse_root(share * v + (1.0 - share) * common)
             w = rows / (rows + PRIOR)
-            # degrees of freedom of that variance, and how fast a fitted group shrinks it
+            # degrees of freedom of that variance, and how much fitting the group reduces it
             nu = 1.0 / (w * w / rows + (1.0 - w * w) / (n * free))
             shrink = w / rows + (1.0 - w) / (n * free)
             gain = np.square(np.einsum('gij,gj->gi', whiten, basis @ r)).sum(axis=1)
@@ -136,18 +136,18 @@ class ChanceTest:
             self.all[groups[ok]] = normal_score(gain[ok], dof[ok], nu[ok])
             self._found.append([of[ok] for of in (pairs, whiten, dof, nu, shrink)])
 
-        #: score of the group, and of all (with this group's part out of the variance)
+        #: score of the group; `all`: of all groups (the variance is that left by this group)
         self.z = float(self.all[group])
 
     @cached_property
     def _parts(self):
-        """Of each number of columns: whitened pairs, dof, nu, shrink."""
-        # thousands of flips: fast enough, and cube roots in half the time
+        """For each number of columns: whitened pairs, dof, nu, shrink."""
+        # single precision is enough for flips, and halves the time of the cube roots
         return [[of.astype(np.float32) for of in (whiten @ pairs, *others)]
                 for pairs, whiten, *others in self._found]
 
     def flipped_max(self, signs):
-        """Largest score of all groups in each flip.
+        """Largest score of all groups for each flip.
 
         Parameters
         ----------
@@ -164,14 +164,14 @@ class ChanceTest:
         return best
 
     def flipped_beyond(self, signs):
-        """How many flips reach the group's own score, and the largest score of all.
+        """Number of flips that reach the group's own score, and the largest score of all flips.
 
-        As of `flipped_max`, of which most time would go into cube roots of each flip and group.
+        Like `flipped_max`, but without its slow cube root for each flip and group.
         """
         reached, largest = np.zeros(len(signs), bool), -np.inf
         for gain, (dof, nu, shrink) in self._gains(signs):
             least = np.clip(_gain_of(self.z, dof, nu), 0.0, 1e30)
-            # the gain before the variance is mended: `_unshrunk` the other way round
+            # the gain before the variance is corrected: the inverse of `_unshrunk`
             reached |= (gain >= np.where(least * shrink < 49.0, least / (1.0 + least * shrink),
                                          0.02 * least)).any(axis=1)
             largest = max(largest, normal_score(
@@ -179,38 +179,38 @@ class ChanceTest:
         return int(np.count_nonzero(reached)), float(largest)
 
     def _gains(self, signs):
-        """Of some groups after the others: gain of each flip (B, G); dof, nu, shrink of them."""
+        """Yield block by block of groups: gain of each flip (B, G); their dof, nu, shrink."""
         for pairs, *known in self._parts:  # (G_d, d, n)
             g, d, n = pairs.shape
             step = max(1, 4_000_000 // max(len(signs) * d, 1))
             for i in range(0, g, step):
                 gain = np.square(signs @ pairs[i:i + step].transpose(1, 0, 2).reshape(-1, n).T)
-                if d > 1:  # component after component: sums of neighbours take five times as long
+                if d > 1:  # components outermost: summing adjacent ones takes five times as long
                     gain = gain.reshape(len(signs), d, -1).sum(axis=1)
                 yield gain, [one[i:i + step] for one in known]
 
 
 def _unshrunk(gain, shrink):
-    """Gain by what the variance of a flip would be without the group's own part."""
+    """Gain corrected for the part of the flip's variance that the group itself explains."""
     return gain / np.maximum(1.0 - gain * shrink, 0.02)
 
 
 class Chance:
-    """Sign flips, drawn once and shared by all tests of a search.
+    """Sign flips, drawn once and shared by all significance tests of a search.
 
     Parameters
     ----------
     n : int
-        Rows.
+        Number of rows.
     count : int
-        Flips.
+        Number of sign flips.
     rng : numpy.random.Generator
     whole : Chance, optional
-        Of all rows, where these are a part of them (or the same, searched further): what it has
-        simulated counts here too.
+        That of an earlier search of all rows, of which these are a part (or the same rows); its
+        simulations are reused.
     group : ndarray of int, shape (n,), optional
-        Rows of one group are flipped together: a star measured twice within minutes has its error
-        twice, and is no second measurement.
+        Rows of one group are flipped together: two measurements of a star within minutes share
+        their error and are not independent.
     """
 
     def __init__(self, n, count, rng, whole=None, group=None):
@@ -218,23 +218,23 @@ class Chance:
         self._rng, self._n, self._count = rng.spawn(1)[0], n, count
         self._memory_tests, self._likelihood, self._whole = {}, None, whole
         self._simulated_for = None, []
-        self._further = []  # flips beyond `signs`, each as many
+        self._further = []  # further sets of `count` flips
         if whole is None:
             self.signs = self._drawn(rng)
 
     @property
     def least(self):
-        """The smallest p that so many flips can tell."""
+        """Smallest p that this number of flips can show."""
         return 1.0 / (self._count + 1)
 
     @property
     def of_part(self):
-        """Whether the rows are a part of those that are searched."""
+        """Whether the rows are only a part of the run (a fold)."""
         return self._whole is not None and self._whole._n != self._n
 
     @property
     def searched_before(self):
-        """Whether a search was done before, of these rows or more, and chance is known from it."""
+        """Whether an earlier search of these or all rows has simulated the null distributions."""
         return self._whole is not None
 
     def for_alternatives(self):
@@ -258,27 +258,28 @@ class Chance:
         return self._rng.standard_normal((SIMULATIONS, 2 * self._n))
 
     def p_beyond_memory(self, problem, chosen, bank, mask, g):
-        """`MemoryTest.p` of a group among those of its share, beside one choice of the problem."""
-        # a curve without a cause, or that an effect changes, says no more than such noise
+        """`MemoryTest.p` of a group among those of its share, with `chosen` in the model."""
+        # a curve without a cause, or a change of an effect, is no better than correlated noise
         if bank is not problem.dictionary:
             return 1.0
         if self.of_part and problem.base.groups:
-            return 1.0  # of runs with terms of their own it takes minutes in all folds together
+            return 1.0  # with terms for each run, all folds together would take minutes
         share = bank.effects[g].share
         test = self._memory_test(problem, chosen, mask, share)
         return test.p(g) if test is not None else 1.0
 
     def beyond_memory(self, problem, chosen, bank, mask, without=()):
-        """The group that stands out most from noise that groups are mistaken for, and its chance.
+        """The group with the largest likelihood ratio over correlated noise, and its p.
 
-        The chance is that of any group of its share in such noise, so that all may be asked.
+        The p is family-wise over all groups of its share, so the best of them may be picked.
 
         Parameters
         ----------
         problem, chosen, bank
-            As of `p_beyond_memory`.
+            See `p_beyond_memory`.
         mask : MemoryMask
         without : sequence of int
+            Excluded groups.
 
         Returns
         -------
@@ -300,9 +301,10 @@ class Chance:
         return group, test.p(group)
 
     def simulate(self, problem, chosen):
-        """Flip signs, and simulate runs with the noise beside a choice: parts and alternatives ask.
+        """Store null distributions of largest scores, for folds and alternatives to reuse.
 
-        The largest scores by chance rest on what the groups are, and hardly on the rows.
+        By sign flips, and by simulated runs with the correlated noise estimated with `chosen` in
+        the model. They depend on the groups and hardly on the rows.
         """
         known, of = self._simulated_for
         if known is problem and of == chosen:
@@ -323,7 +325,7 @@ class Chance:
                     bank.by_chance[share] = np.sort(
                         ChanceTest(fit, scores, best, groups).flipped_max(self.signs))
         if problem.sequence is None or problem.base.groups:
-            return  # of runs with terms of their own it takes minutes
+            return  # with terms for each run it takes minutes
         bank = problem.dictionary
         mask = MemoryMask(problem, chosen, bank, fit)
         shares = {c.effect(problem).share for c in chosen if c.plain}
@@ -334,7 +336,7 @@ class Chance:
     def _memory_test(self, problem, chosen, mask, share):
         key, fit = (share, frozenset(chosen)), problem.plain.fit(chosen)
         known, test = self._memory_tests.get(key, (None, None))
-        if known is not fit:  # of what was refined since, the ratios are others
+        if known is not fit:  # an effect was refined since: its ratios have changed
             normal = self._simulated(*key)
             if normal is None:
                 return None
@@ -345,38 +347,39 @@ class Chance:
         return test
 
     def _choice_likelihood(self, problem, chosen):
-        """The last is kept: a search asks several things of a choice, and goes on."""
+        """The likelihoods beside `chosen`; only the last are kept, for a search moves on."""
         if self._likelihood is None or self._likelihood.plain is not problem.plain.fit(chosen):
             self._likelihood = ChoiceLikelihood(problem, chosen)
         return self._likelihood
 
     def _simulated(self, share, key):
-        """Noise to simulate runs with, or what was found for the choice that is most alike.
+        """Normal deviates to simulate runs with, or the ratios known for the most similar choice.
 
-        None in a part for a scan that nothing of the whole rests on: it would take too long.
+        None in a fold for a share other than the dictionary's, where nothing is known from the
+        whole run: it would take too long.
         """
         known = {chosen: test.by_chance for (of, chosen), (_, test) in (
             self._whole or self)._memory_tests.items() if of == share and test.has_simulated}
         if not known:
             return None if self.of_part and share != 'dictionary' else self._normal
-        # the largest ratios by chance hardly depend on what is in the model
+        # the null distribution of the largest ratio hardly depends on the model
         return known[max(known, key=lambda chosen: len(chosen & key) - len(chosen ^ key))]
 
     def p(self, fit, scores, group, alpha=None):
-        """Family-wise p of a group: share of flips whose best score reaches its own.
+        """Family-wise p of a group: fraction of flips whose best score reaches its own.
 
-        The family is of the groups with the same share of the false alarms.
+        The family is all groups with the same share of the family-wise error.
 
         Parameters
         ----------
         fit : WeightedFit
-            Without the group.
+            Fit without the group.
         scores : Scores
         group : int
         alpha : float, optional
-            Stop when the share is certain to be above.
+            Stop once p is certain to be above.
         """
-        # a search comes back to the same fits
+        # a search returns to earlier fits
         key = self, scores.bank, group, float(scores.delta_bic[group]), alpha
         if key not in fit.known:
             fit.known[key] = self._p(fit, scores, group, alpha)
@@ -388,7 +391,7 @@ class Chance:
         if self.searched_before and by_chance is not None:
             return _share(by_chance, ChanceTest(fit, scores, group, [group]).z)
         every = bank.same_share(group)
-        if alpha is not None and len(every) > _MANY:  # what chance gives to some may be enough
+        if alpha is not None and len(every) > _MANY:  # some groups may already give p > alpha
             some = np.union1d(every[::_THINNED], [group])
             share = self._share_of_flips(ChanceTest(fit, scores, group, some), alpha)
             if share > alpha:
@@ -396,7 +399,7 @@ class Chance:
         return self._share_of_flips(ChanceTest(fit, scores, group, every), alpha)
 
     def _share_of_flips(self, test, alpha):
-        """Of flips whose best score reaches that which is tested; `alpha` as of `p`."""
+        """Fraction of flips whose best score reaches the tested one; `alpha` as in `p`."""
         count, hits, drawn = len(self.signs), 0, 0
         limit = count if alpha is None else int(np.ceil(alpha * (count + 1)))
         near = 0.0 if self.searched_before else _NEAR
@@ -414,7 +417,7 @@ class Chance:
         return (hits + 1) / (drawn + 1)
 
     def _blocks(self):
-        """The flips, a few first; then as many again, and again."""
+        """Yield the flips in growing blocks, then further sets of the same number."""
         count, start = len(self.signs), 0
         for stop in (*(n for n in (50, 200, 600, 1200) if n < count), count):
             yield self.signs[start:stop]
@@ -425,7 +428,7 @@ class Chance:
             yield self._further[k]
 
     def p_of_all(self, fit, scores):
-        """Family-wise p of every group, with the residual that the best one leaves.
+        """Family-wise p of every group, from the residual after the best group of its share.
 
         Returns
         -------
@@ -441,13 +444,13 @@ class Chance:
 
 
 def _share(by_chance, z):
-    """Family-wise p of scores, of ascending largest scores by chance."""
+    """Family-wise p of scores `z`, from the null distribution of the largest score, ascending."""
     hits = len(by_chance) - np.searchsorted(by_chance, z, side='left')
     return (hits + 1.0) / (len(by_chance) + 1.0)
 
 
 def _inverse_root(v):
-    """V^(-1/2) of a stack of symmetric matrices, on the part that is not (nearly) null."""
+    """V^(-1/2) of a stack of symmetric matrices, without directions of (nearly) zero eigenvalue."""
     if v.shape[-1] == 1:
         return np.where(v > 1e-9, 1.0 / np.sqrt(np.maximum(v, 1e-9)), 0.0)
     values, vectors = np.linalg.eigh(v)

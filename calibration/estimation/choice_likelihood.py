@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Likelihood of rows beside one choice, over a grid of noises with memory; with each group, too.
+"""Maximum likelihood over a grid of correlated noises, for one selection and with each group added.
 
-What the rows leave is whitened by each noise that is tried, once for all that is asked of a choice.
+The rows are whitened by each noise of the grid once for all questions about a selection.
 """
 
 from functools import cached_property
@@ -26,18 +26,18 @@ from .correlated_noise import AT_ONCE, AxisRows, CorrelatedNoise
 from .group_columns import inverse_root
 from .reduced_squares import reduced_squares, times_rows
 
-#: sizes that are tried (variance over that of the white noise); and no process
+#: variances tried, over that of the white noise; and the triple for white noise alone
 _SIZES, _WHITE = (0.1, 0.4, 1.6, 6.4, 25.0), (1.0, 0.0, 1.0)
 
 
 class ChoiceLikelihood:
-    """Likelihoods beside one choice, over a grid of noises.
+    """Maximum likelihoods with one selection in the model, over a grid of noises.
 
     Parameters
     ----------
     problem : SelectionProblem
     chosen : list of CandidateGroup
-        In the model anyway.
+        Groups that are always in the model.
     """
 
     def __init__(self, problem, chosen):
@@ -52,7 +52,7 @@ class ChoiceLikelihood:
             self._axes.append((rows, part, rows.scaled(design[:, part])))
 
     def simulated(self, normal):
-        """Runs with the noise that was estimated, from standard normal noise, (m, 2n) both."""
+        """Simulated runs with the estimated noise, from standard normal deviates, both (m, 2n)."""
         noise = CorrelatedNoise.beside(self.plain.noise, self.plain.scale, self._problem.sequence,
                                        self._memory)
         return noise.coloured(normal * (self.plain.noise.root > 0.0))
@@ -60,14 +60,14 @@ class ChoiceLikelihood:
     def ratios(self, bank, values=None):
         """2 ln of the likelihood ratio of each group, shape (m, G).
 
-        Either likelihood is the largest of all pairs of noises that are tried.
+        Both likelihoods are maxima over all tried pairs of noises.
 
         Parameters
         ----------
         bank : CandidateBank
             The groups.
         values : ndarray, shape (m, 2n), optional
-            By default those of the problem.
+            Data; by default those of the problem.
         """
         fits = self._problem_fits if values is None else self._design_fits(values)
         sums = [_group_sums(rows, bank, axis, part, sums, noises) for axis, (
@@ -94,15 +94,16 @@ class ChoiceLikelihood:
 
 
 def _tried(sequence, plain, memory):
-    """Noises of each axis, and which are tried together.
+    """Noises to try on each axis, and their combinations.
 
     Returns
     -------
     noises : list of ndarray, shape (t, 3)
-        Of x and y: memory, variance, and sigma of the white part in that of the plain fit; the
-        first is the estimate, the second white.
+        For x and y: correlation time, variance, and sigma of the white part in units of that of
+        the white-noise fit. The first is the estimate, the second is white.
     sets : ndarray of int, shape (s, 2)
-        The estimate of both, white noise of both, each of x with the estimate of y, and so on.
+        Pairs of indices: the estimates of both axes; white noise on both; each noise of x with the
+        estimate of y; each of y with the estimate of x.
     """
     root = plain.noise.root.reshape(2, plain.n)
     noises = []
@@ -118,17 +119,18 @@ def _tried(sequence, plain, memory):
 
 
 class _AxisSums(NamedTuple):
-    """Design D and values V on an axis, whitened by each of t noises, and their sums over rows.
+    """Design D and values V of an axis, whitened by each of t noises, and their products.
 
     Attributes
     ----------
     white : ndarray, shape (t, k + m, n)
         The design, then the values.
     log_det : ndarray, shape (t,)
+        ln of the determinant of the covariance.
     design : ndarray, shape (t, k, k)
-        D D.
+        D D'.
     design_values, values : ndarray, shape (t, k, m), (t, m)
-        D V, V V.
+        D V', and the squares of V.
     """
 
     white: np.ndarray
@@ -139,7 +141,7 @@ class _AxisSums(NamedTuple):
 
     @classmethod
     def of(cls, rows, columns, k, noises):
-        """Of scaled rows of the axis: `k` of the design, then the values."""
+        """From the scaled `columns` of the axis: `k` of the design, then the values."""
         white, log_det = zip(*(rows.whitened_by(columns, *noises[some].T)
                                for some in _at_once(noises, columns)))
         white = np.concatenate([of.transpose(1, 0, 2) for of in white])
@@ -149,19 +151,19 @@ class _AxisSums(NamedTuple):
 
 
 def _at_once(noises, columns):
-    """So many of the noises at a time that the columns whitened by them are not too many."""
+    """Slices of the noises, so that the whitened columns of each take limited memory."""
     step = max(1, AT_ONCE // max(columns.size, 1))
     return [slice(i, i + step) for i in range(0, len(noises), step)]
 
 
 def _group_sums(rows, bank, axis, part, beside, noises):
-    """Sums over the rows of an axis of groups C, with `_AxisSums` beside them.
+    """Products of groups C with themselves and with the D and V of `_AxisSums`, on one axis.
 
     Returns
     -------
     list of tuple
-        Of each number of columns d: which groups, (G,), then for each noise C C (t, G, d, d) and
-        C D, C V (t, G, d, k + m).
+        For each number of columns d: indices of the groups, (G,), then for each noise C C'
+        (t, G, d, d) and C D', C V' (t, G, d, k + m).
     """
     some, kind = bank.on_axis(axis), _kind(beside.values.shape[1])
     columns, places = rows.scaled(bank.columns[some, part]), np.full(len(bank.columns), len(some))
@@ -181,28 +183,29 @@ def _group_sums(rows, bank, axis, part, beside, noises):
 
 
 def _kind(count):
-    """Of many values at a time six digits do."""
+    """Number type: single precision is enough for many (simulated) values."""
     return np.float32 if count > 1 else np.float64
 
 
 class _DesignFits(NamedTuple):
-    """Fits of the design alone, by s sets of noises of both axes.
+    """Fits of the design without groups, for s pairs of noises of x and y.
 
     Attributes
     ----------
     axes : list of _AxisSums
     design : list of ndarray, shape (s, k, k)
-        Of x and y, D D.
+        D D' of x and y.
     inverse : ndarray, shape (s, k, k)
-        Of the sum of both.
+        Inverse of the sum of both.
     p : ndarray, shape (s, k, m)
         Coefficients.
     left : list of ndarray, shape (s, k, m)
-        Of x and y, D with what is left.
+        Products of D with the residuals, of x and y.
     squares : list of ndarray, shape (s, m)
-        Of x and y, what is left with itself.
+        Sums of squared residuals of x and y.
     det : ndarray, shape (s, 1)
-        L = (x^2 y^2)^-live / det, so that the least of one product needs no logarithm of each.
+        Factor from the determinants: 2 ln L = -live ln (x^2 y^2 det), so that the best pair has
+        the least product and needs one logarithm.
     live : int
         Rows with weight.
     largest : ndarray, shape (m,)
@@ -221,12 +224,12 @@ class _DesignFits(NamedTuple):
 
     @classmethod
     def of(cls, axes, sets, live):
-        """Of `_AxisSums` of both axes, and which noises are tried together, (s, 2)."""
+        """From the `_AxisSums` of both axes and the pairs of noises, (s, 2)."""
         chosen = list(zip(axes, sets.T))
         design = [of.design[some] for of, some in chosen]
         onto = [of.design_values[some] for of, some in chosen]
         normal = sum(design)
-        first = inverse_root(normal.mean(axis=0))  # beside it all are clear: no eigenvalues
+        first = inverse_root(normal.mean(axis=0))  # scaled by it all matrices are well conditioned
         first = first[:, first.any(axis=0)]
         root = first @ inverse_root(first.T @ normal @ first)
         inverse = root @ root.transpose(0, 2, 1)
@@ -241,24 +244,24 @@ class _DesignFits(NamedTuple):
 
     @property
     def values(self):
-        """How many values there are, m."""
+        """Number of data vectors, m."""
         return self.p.shape[2]
 
     def some(self, sets):
-        """Of some sets (a slice)."""
+        """The fits of some pairs of noises (a slice)."""
         return self._replace(design=[of[sets] for of in self.design], inverse=self.inverse[sets],
                              p=self.p[sets], left=[of[sets] for of in self.left],
                              squares=[of[sets] for of in self.squares], det=self.det[sets])
 
     def with_groups(self, pair, shape):
-        """Largest 2 ln L with each group, `shape` (m, G), of `_group_sums` of both axes."""
+        """Largest 2 ln L with each group, `shape` (m, G), from the `_group_sums` of both axes."""
         kind, k = _kind(self.values), self.p.shape[1]
         p, *left = (of.astype(kind, copy=False) for of in (self.p, *self.left))
         out = np.empty(shape)
         for (which, *gx), (_, *gy) in zip(*pair):
             sets, count, d, _ = gx[1].shape
             onto = (gx[1][..., :k] + gy[1][..., :k]).reshape(sets, -1, k) @ self.inverse
-            across = []  # of what the design leaves of each group: with itself, and with r
+            across = []  # products of each group, orthogonal to the design: with itself, with r
             for of, (own, both), rest in zip(self.design, (gx, gy), left):
                 design, values = both[..., :k].reshape(onto.shape), both[..., k:]
                 half = (design - 0.5 * (onto @ of)).reshape(sets, count, d, k)
@@ -273,5 +276,5 @@ class _DesignFits(NamedTuple):
 
 
 def _log(least, live):
-    """2 ln L of the least product of squares, but for a constant."""
+    """2 ln L from the least product of squares, but for a constant."""
     return -live * np.log(np.maximum(least, 1e-300))

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Is one model worse than another on the same rows? A paired comparison that knows no model.
+"""Is one model worse than another on the same rows? A paired comparison of any two models.
 
-Rows that neither a fit nor a choice has seen are the judges. Of each row the squares of its two
-residuals are subtracted, so that what both models miss alike (the star, the seeing) cancels.
+The rows must be held out from both the fit and the selection. The squared residuals of the two
+models are subtracted row by row, so that errors common to both (the star, the seeing) cancel.
 """
 
 from dataclasses import dataclass
@@ -27,18 +27,18 @@ from pointing_model.rms import sigma_of
 
 from .step_scan import two_sided
 
-#: rows without which nothing is judged
+#: fewest rows for a comparison
 FEWEST = 8
-#: a change is held to be worse where a harmless one would look as bad with less than this chance.
-#: Of 1000 changes each, 30 judges, white noise: of harmless ones a fifth is refused, which costs
-#: nothing; of those that point 5, 8, 15 and 22 % worse 67, 77, 91 and 96 %; of those that would
-#: have gained as much 3, 1, 0.1 and 0.1 %. Noise of neighbours alike by 0.8 changes that little
+#: significance level: a change is worse if a harmless one would look as bad with a lower p. In 1000
+#: simulated changes each (30 rows, white noise) it refuses a fifth of the harmless ones, which
+#: costs nothing; 67, 77, 91 and 96 % of those that point 5, 8, 15 and 22 % worse; and 3, 1, 0.1 and
+#: 0.1 % of those that point as much better. Neighbours correlated by 0.8 change that little
 CHANCE = 0.25
-#: ... and where it is worse by more than this share of the RMS: less nobody sees
+#: ... and if it is worse by more than this part of the RMS: less is invisible
 LEAST = 0.01
-#: robust sigmas to which residuals are cut, so that no single row decides
+#: robust sigmas at which residuals are clipped, so that no single row decides
 _CLIP = 4.0
-#: blocks from which their scatter says something
+#: fewest blocks whose scatter is meaningful
 _BLOCKS = 6
 
 
@@ -46,9 +46,9 @@ _BLOCKS = 6
 class Comparison:
     """RMS of two models on the same rows, in arcsec.
 
-    `chance` is that of a harmless change to look as bad: 0.5 for one that changes nothing, small
-    where the second is worse, near 1 where it is better. It and `ratio`, of the RMS after to that
-    before, are of residuals of which the wild ones are cut, so that no single row decides.
+    `chance` is the one-sided p that a harmless change looks as bad: 0.5 for one that changes
+    nothing, small if the second model is worse, near 1 if it is better. It and `ratio`, RMS after
+    over RMS before, are of clipped residuals, so that no single row decides.
     """
 
     before: float
@@ -57,7 +57,7 @@ class Comparison:
     ratio: float
 
     def worse(self, chance=CHANCE):
-        """Whether the second is worse, beyond that chance and by more than `LEAST`."""
+        """Whether the second is worse, at significance level `chance` and by more than `LEAST`."""
         return self.chance < chance and self.ratio > 1.0 + LEAST
 
     def to_dict(self):
@@ -67,15 +67,15 @@ class Comparison:
 
 @dataclass(frozen=True)
 class PairedComparison:
-    """Two models on rows that nothing has seen.
+    """Comparison of two models on held-out rows.
 
     Attributes
     ----------
     rows : int
     radial, az, el : Comparison
     axes : tuple of str
-        Of ``az`` and ``el``, on which the second does something of its own: there it is judged
-        by itself too.
+        Those of ``az`` and ``el`` where the second model differs: they are also tested by
+        themselves.
     """
 
     rows: int
@@ -86,14 +86,14 @@ class PairedComparison:
 
     @property
     def worse(self):
-        """Names of what the second model makes worse: of ``az``, ``el``, ``radial``."""
-        # of two axes one looks as bad twice as often
+        """Where the second model is worse: some of ``az``, ``el``, ``radial``."""
+        # two axes give twice as many false alarms
         found = [axis for axis in self.axes if getattr(self, axis).worse(CHANCE / 2.0)]
         return (*found, *(['radial'] if self.radial.worse() else []))
 
     @property
     def holds(self):
-        """Whether nothing is made worse."""
+        """Whether the second model is nowhere worse."""
         return not self.worse
 
     def to_dict(self):
@@ -103,13 +103,13 @@ class PairedComparison:
 
 
 def compare_residuals(before, after, axes=('az', 'el')):
-    """Compare what two models leave of the same rows.
+    """Compare the residuals of two models on the same rows.
 
     Parameters
     ----------
     before, after : array_like, shape (2, n)
-        Residuals on the sky, rad, rows in order of time: neighbours may resemble each other, and
-        then count as fewer. Rows that are not finite in both are left out.
+        Residuals on the sky, rad, rows in order of time: correlated neighbours count as fewer
+        rows. Rows that are not finite in both are ignored.
     axes : sequence of str
         See `PairedComparison`.
 
@@ -127,7 +127,7 @@ def compare_residuals(before, after, axes=('az', 'el')):
     n = both.shape[2]
     if n < FEWEST:
         raise ValueError(f'{n} rows to judge by; observe at least {FEWEST} with the step check')
-    # the better of the two says what is wild
+    # the clipping limit is from the model with the smaller scatter
     limit = _CLIP * np.maximum(sigma_of(both, axis=2).min(axis=0), 1e-12)[:, None]
     cut = np.square(np.clip(both, -limit, limit))
     whole = np.square(both)
@@ -136,7 +136,7 @@ def compare_residuals(before, after, axes=('az', 'el')):
 
 
 def _compare(whole, cut):
-    """`Comparison` of squares before and after, and of those that are cut; shape (2, n) each."""
+    """`Comparison` of squared residuals before and after, whole and clipped; shape (2, n) each."""
     before, after = np.sqrt(whole.mean(axis=1)).tolist()
     small = max(float(cut[0].mean()), 1e-30)
     return Comparison(before, after, _chance(cut[0] - cut[1]),
@@ -144,10 +144,10 @@ def _compare(whole, cut):
 
 
 def _chance(gain):
-    """That a mean gain as small or smaller comes of nothing.
+    """One-sided p of a mean gain as small or smaller, if there is no difference.
 
-    Student's t of the means of blocks: of all lengths that leave enough of them the one with
-    the widest error, so that rows that resemble each other count as fewer.
+    Student's t of block means, with the block length that gives the largest standard error, so
+    that correlated rows count as fewer.
     """
     mean, n = gain.mean(), len(gain)
     widest, freedom, length = 0.0, n - 1, 1

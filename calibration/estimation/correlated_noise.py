@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Noise that remembers: white noise and, beside it, a process with exponential memory.
+"""Correlated noise: white noise plus a process with exponentially decaying correlation.
 
 The noise of an axis is white plus a stationary process with the correlation exp(-dt / tau)
 (Ornstein and Uhlenbeck; a random walk where tau is far longer than the run). In the order of time,
 differences e_i - phi_i e_(i-1) of such rows have a tridiagonal covariance: rows are whitened in
-O(n). How large it is and how long it remembers: `memory_likelihood`.
+O(n). `memory_likelihood` estimates its variance and its correlation time, called the memory.
 """
 
 from dataclasses import dataclass
@@ -27,31 +27,31 @@ import numpy as np
 
 from .lapack import lapack
 
-#: eigenvalues of a normal matrix of unit columns below this part of the largest are rounding: its
-#: entries are good to some 1e-13 of 1e5 rows
+#: eigenvalues of a normal matrix of unit columns below this part of the largest are rounding: with
+#: 1e5 rows its entries are precise to some 1e-13
 EIGEN = 1e-10
-#: between memories that are tried
+#: ratio of successive correlation times tried
 MEMORY_STEP = 4.0
-#: numbers in the columns of the noises that are tried at a time
+#: most numbers whitened at a time, when several noises are tried
 AT_ONCE = 200_000
 
 
 class Sequence:
-    """The order in which rows were observed, and how far apart they are.
+    """The order in which rows were observed, and the gaps between them.
 
     Parameters
     ----------
     position : ndarray, shape (n,)
         Time (s), or the place in the order.
     run : ndarray of int, shape (n,)
-        A run remembers nothing of the one before.
+        Run of each row; rows of different runs are uncorrelated.
     factor : ndarray, shape (n,)
-        Of a process on the first axis that may have a factor in each row, as an angle of an azimuth
-        axis has cos E on the sky.
+        Factor of each row by which the process on the first axis may be scaled: cos E if it is an
+        angle of the azimuth axis.
     timed : bool
         Whether the position is a time.
     group : ndarray of int, shape (n,), optional
-        Rows of one star within minutes share a number: what is left out is left out together.
+        Rows of one star within minutes share a number, and are held out together.
     """
 
     def __init__(self, position, run, factor, timed=True, group=None):
@@ -60,22 +60,22 @@ class Sequence:
         self.order = np.lexsort((position, run))
         gap = np.diff(position[self.order], prepend=-np.inf)
         gap[np.diff(run[self.order], prepend=run[self.order[:1]]) != 0] = np.inf
-        #: to the row before in `order`; infinite where a run begins
+        #: gap to the row before in `order`; infinite where a run begins
         self.gap = gap
         self._known = {}
 
     def rows(self, rows):
-        """Of some rows (indices)."""
+        """The sequence of some rows (indices)."""
         return Sequence(self.position[rows], self.run[rows], self.factor[rows], self.timed,
                         self.group[rows])
 
     def some(self, keep):
-        """Rows of a mask (n,) in their order, the gap before each, starts and lengths of runs."""
+        """Rows of a mask (n,) in order, the gap before each, starts and lengths of the runs."""
         key = keep.tobytes()
         if key not in self._known:
             keep = keep[self.order]
             rows = self.order[keep]
-            # over rows that are left out the gaps add up
+            # across excluded rows the gaps add up
             since = np.cumsum(np.where(np.isfinite(self.gap), self.gap, 0.0))[keep]
             gap, run = np.diff(since, prepend=-np.inf), self.run[rows]
             first = np.diff(run, prepend=run[:1]) != 0
@@ -93,12 +93,12 @@ class Sequence:
 
     @cached_property
     def memories(self):
-        """Correlation times to be tried, from the shortest gap that counts to far beyond the run.
+        """Correlation times to try, from the 10 % quantile of the gaps to four times the span.
 
         Returns
         -------
         ndarray
-            Ascending; empty where no row has a row before it.
+            Ascending; empty where no row has a predecessor in its run.
         """
         gap = self.gap[np.isfinite(self.gap) & (self.gap > 0.0)]
         if not len(gap):
@@ -110,18 +110,18 @@ class Sequence:
 
 @dataclass(frozen=True)
 class AxisNoise:
-    """Noise of an axis.
+    """Noise of an axis: white, plus a correlated process.
 
     Attributes
     ----------
     variance : float
-        Of the process, rad^2; 0: the noise is white.
+        Variance of the process, rad^2; 0: the noise is white.
     memory : float
-        Its correlation time, in units of the sequence's position.
+        Correlation time of the process, in units of the sequence's position.
     scaled : bool
-        It has the factor of the sequence.
+        Whether the process is scaled by the factor of the sequence.
     scale : float
-        Of the white noise beside it, as `WeightedFit.scale`.
+        Scale of the white part, as `WeightedFit.scale`.
     gain : float
         2 ln of the restricted likelihood ratio against white noise alone.
     """
@@ -134,12 +134,12 @@ class AxisNoise:
 
 
 class WhiteNoise:
-    """Weights alone: noise without memory.
+    """White noise: a weight for each value.
 
     Parameters
     ----------
     root : ndarray, shape (2n,)
-        1 / sigma of each value, 0 for rows set aside.
+        1 / sigma of each value, 0 for excluded rows.
     """
 
     white = True
@@ -152,30 +152,30 @@ class WhiteNoise:
         return values * self.root
 
     def spread(self, values):
-        """`values` (..., 2n) such that their squares sum to the variance of values @ noise."""
+        """`values` (..., 2n) scaled so that their squares sum to the variance of values @ noise."""
         return values * _sigma(self.root)
 
     def without(self, rows):
-        """The same with some rows (indices of n) set aside."""
+        """The same noise with some rows (indices of n) excluded."""
         root = self.root.copy()
         root.reshape(2, -1)[:, rows] = 0.0
         return WhiteNoise(root)
 
     def rows(self, rows):
-        """Of some rows (indices of n)."""
+        """The noise of some rows (indices of n)."""
         return WhiteNoise(self.root.reshape(2, -1)[:, rows].ravel())
 
 
 class CorrelatedNoise:
-    """Weights, and differences that take out what a row has from the rows before.
+    """Correlated noise: weights, and differences of successive rows that whiten them.
 
     Parameters
     ----------
     root : ndarray, shape (2n,)
-        1 / sigma of the white part, 0 for rows set aside.
+        1 / sigma of the white part, 0 for excluded rows.
     sequence : Sequence
     memory : tuple of AxisNoise
-        Of x and y, or of as many axes as there are.
+        Noise of each axis, such as x and y.
     """
 
     white = False
@@ -189,12 +189,12 @@ class CorrelatedNoise:
 
     @classmethod
     def beside(cls, noise, scale, sequence, memory):
-        """With the weights of a fit that took the noise as white, and of that `scale`."""
+        """Correlated noise with the weights and the `scale` of a fit with white `noise`."""
         white = [one.scale / s if one.variance > 0.0 else 1.0 for one, s in zip(memory, scale)]
         return cls(noise.root / np.repeat(white, len(noise.root) // 2), sequence, memory)
 
     def whiten(self, values):
-        """Whitened values, shape (..., 2n): of rows set aside 0."""
+        """Whitened values, shape (..., 2n); 0 in excluded rows."""
         return self._each(values, self.root, _Differences.whitened)
 
     def whiten_axis(self, axis, values):
@@ -207,15 +207,15 @@ class CorrelatedNoise:
         return values * self.root[part]
 
     def spread(self, values):
-        """As `WhiteNoise.spread`."""
+        """See `WhiteNoise.spread`."""
         return self._each(values, _sigma(self.root), _Differences.spread)
 
     def coloured(self, values):
-        """The way back: white noise (..., 2n) as this noise; 0 in rows set aside."""
+        """Inverse of `whiten`: white noise (..., 2n) turned into this noise; 0 in excluded rows."""
         return self._each(values, _sigma(self.root), _Differences.coloured)
 
     def process(self, residual):
-        """What the process did in rows of these residuals, (..., 2n), as far as they show.
+        """The process predicted from residuals, (..., 2n): its mean given these.
 
         Simple kriging (Cressie 1993, Statistics for Spatial Data, section 3.2).
         """
@@ -225,14 +225,14 @@ class CorrelatedNoise:
         flat = values.reshape(-1, values.shape[-1])
         out = flat * factor
         for part, axis in self._axes:
-            some = flat[:, part].any(axis=1)  # most effects are of one axis
+            some = flat[:, part].any(axis=1)  # most effects act on one axis
             some = slice(None) if some.all() else np.flatnonzero(some)
             out[some, part] = of_axis(axis, flat[some, part])
         return out.reshape(values.shape)
 
     @property
     def log_det(self):
-        """Of the covariance of the rows with weight."""
+        """ln of the determinant of the covariance of the rows with weight."""
         plain = self.root.copy()
         for part, _ in self._axes:
             plain[part] = 0.0
@@ -240,19 +240,19 @@ class CorrelatedNoise:
                      + sum(axis.log_det for _, axis in self._axes))
 
     def rows(self, rows):
-        """Of some rows (indices of n)."""
+        """The noise of some rows (indices of n)."""
         return CorrelatedNoise(self.root.reshape(len(self.memory), -1)[:, rows].ravel(),
                                self._sequence.rows(rows), self.memory)
 
     def values(self, places):
-        """Of some values (indices of 2n) of one axis."""
+        """The noise of some values (indices of 2n) of one axis."""
         axis, n = places[0] // len(self._sequence.run), len(self._sequence.run)
         return CorrelatedNoise(self.root[places], self._sequence.rows(places - axis * n),
                                self.memory[axis:axis + 1])
 
     @property
     def neighbour(self):
-        """Correlation of each axis with a place before that is 1 away; 0 of white noise."""
+        """Correlation of the process of each axis at a distance of 1 in position; 0 if white."""
         return np.array([np.exp(-1.0 / one.memory) if one.variance > 0.0 else 0.0
                          for one in self.memory])
 
@@ -262,16 +262,16 @@ def _sigma(root):
 
 
 class AxisRows:
-    """The rows with weight of one axis, in order; their values in units of the process."""
+    """The rows with weight of one axis, in order, with values scaled to units of the process."""
 
     def __init__(self, root, sequence, scaled):
         self.all = len(root)
         self.rows, self.gap, self.starts, self.lengths = sequence.some(root > 0.0)
         self._as_they_stand = np.array_equal(self.rows, np.arange(self.all))
         self._scale = 1.0 / sequence.factor[self.rows] if scaled else np.ones(len(self.rows))
-        #: variance beside the process
+        #: variance of the white part
         self.white = np.square(self._scale / root[self.rows])
-        # (of either sign: beyond the pole an angle moves a star the other way)
+        # the factor may be negative: beyond the pole an angle moves a star the other way
         self.log_scale = 2.0 * float(np.log(np.abs(self._scale)).sum())
 
     def of(self, values):
@@ -283,23 +283,23 @@ class AxisRows:
         return self.of(values) * self._scale
 
     def whitened_by(self, columns, memories, variances, white):
-        """Columns as `scaled` gives them, whitened by several noises.
+        """Columns from `scaled`, whitened by several noises.
 
         Parameters
         ----------
         columns : ndarray, shape (k, m)
         memories, variances : ndarray, shape (t,)
-            Of the process of each noise.
+            Correlation time and variance of the process of each noise.
         white : ndarray, shape (t,)
-            Sigma of the white part, in that of these rows.
+            Sigma of the white part, in units of that of these rows.
 
         Returns
         -------
         columns : ndarray, shape (k, t, m)
         log_det : ndarray, shape (t,)
-            Of the covariance of the rows.
+            ln of the determinant of the covariance of the rows.
         """
-        # the noises are as runs one after the other, that know nothing of each other
+        # the noises are handled like uncorrelated runs, one after the other
         tries, n = len(memories), columns.shape[1]
         phi = np.exp(-self.gap / np.asarray(memories)[:, None])
         diagonal, lower = _factored(phi.ravel(), np.outer(np.square(white), self.white).ravel(),
@@ -314,7 +314,7 @@ class AxisRows:
                 np.log(diagonal).reshape(tries, n).sum(axis=1) - self.log_scale)
 
     def unscaled(self, values):
-        """Values (k, m) of these rows as on the sky."""
+        """Inverse of the scaling: values (k, m) of these rows in angles on the sky."""
         return values / self._scale
 
     def placed(self, values):
@@ -327,17 +327,17 @@ class AxisRows:
 
 
 class _Differences:
-    """Whitening of one axis by differences of neighbours, values of shape (k, n)."""
+    """Whitening of one axis by differences of successive rows, values of shape (k, n)."""
 
     def __init__(self, rows, noise):
         self._rows, self._phi = rows, np.exp(-rows.gap / noise.memory)
         diagonal, self._lower = _factored(self._phi, rows.white, noise.variance)
         self._root = np.sqrt(diagonal)
-        #: of the covariance of the rows with weight
+        #: ln of the determinant of the covariance of the rows with weight
         self.log_det = float(np.log(diagonal).sum()) - rows.log_scale
 
     def whitened(self, values):
-        """Values whitened."""
+        """Whitened values."""
         return self._rows.placed(_solved(self._phi, self._root, self._lower,
                                          self._rows.scaled(values)))
 
@@ -348,7 +348,7 @@ class _Differences:
         return self._rows.placed(u * self._root)
 
     def process(self, values):
-        """The process in values, its mean as they tell it: they less their white part."""
+        """Mean of the process given the values: the values less their white part."""
         rows, scaled = self._rows, self._rows.scaled(values)
         u = _solved(self._phi, self._root, self._lower, scaled.copy()) / self._root
         u = _bidiagonal(self._lower, u, 'T')
@@ -363,10 +363,10 @@ class _Differences:
 
 
 def _factored(phi, white, variance):
-    """LDL^T of the covariance of the differences: D (m,) and the lower diagonal of L (m-1,)."""
+    """LDL^T of the covariance of the differences: D (m,) and the subdiagonal of L (m-1,)."""
     before = np.concatenate(([0.0], white[:-1]))
     diagonal = variance * (1.0 - phi * phi) + white + phi * phi * before
-    if len(diagonal) < 2:  # as of `_bidiagonal`
+    if len(diagonal) < 2:  # see `_bidiagonal`
         return diagonal, diagonal[:0]
     d, lower, info = lapack().dpttrf(diagonal, -phi[1:] * white[:-1])
     if info:
@@ -375,17 +375,17 @@ def _factored(phi, white, variance):
 
 
 def _bidiagonal(lower, values, trans='N'):
-    """Solution with a unit lower bidiagonal matrix; values (k, m) are overwritten."""
+    """Solve a unit lower bidiagonal system; `values` (k, m) are overwritten."""
     if not values.size:  # LAPACK's routine writes beyond an empty array
         return values
-    band = np.ones((2, len(lower) + 1))  # the last below the diagonal is not looked at
+    band = np.ones((2, len(lower) + 1))  # the last entry below the diagonal is not used
     band[1, :-1] = lower
     return lapack().dtbtrs(
         band, values.T, uplo='L', trans=trans, diag='U', overwrite_b=1)[0].T
 
 
 def _solved(phi, root, lower, values):
-    """Values (k, m) of scaled rows, whitened; `root` (m,) of the diagonal; they are overwritten."""
+    """Whitened values (k, m) of scaled rows, overwritten; `root` (m,): square root of D."""
     values[:, 1:] -= phi[1:] * values[:, :-1]
     values = _bidiagonal(lower, values)
     values /= root

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How many false alarms a diagnosis may make, and how its searches share them."""
+"""The family-wise error rate of a diagnosis, and how its searches share it."""
 
-#: chance that a run with nothing wrong gets any effect (family-wise error), by default
+#: default family-wise error rate: probability of any effect in a run with nothing wrong
 ALPHA = 0.01
-#: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
-#: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
-#: conservative: together they stay below it (measured, benchmarks/diagnosis.py).
+#: shares of the family-wise error: the dictionary; its scans over places, periods or lags; waves of
+#: unknown period; curves. False alarms overlap and the tests are conservative: the total stays
+#: below the family-wise error (measured, benchmarks/diagnosis.py).
 SHARES = {'dictionary': 0.45, 'scans': 0.45, 'periods': 0.15, 'curves': 0.18}
-#: the same of what is not beyond noise with memory by its estimate, for either share of the
-#: dictionary: of nights whose noise has memory this many are to have a false effect so
+#: share of the likelihood-ratio test against correlated noise, for either share of the dictionary:
+#: for groups not significant against the estimated noise, on nights with correlated noise
 MEMORY_SHARE = 0.75

@@ -12,37 +12,36 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Folds of the rows, and predicting rows that a fit has not seen."""
+"""Cross-validation: folds of the rows, and residuals of held-out rows."""
 
 import numpy as np
 
 from .linear_model import DISTINCT
 
-#: part of a direction of the columns that rows beside a fold must determine, to be predicted by the
-#: leverage of the fold's rows
+#: least eigenvalue of I - H of a fold for which leverages give its held-out residuals
 _DETERMINED = 1e-4
-#: folds of the cross-validation; of `LONG` rows on, where each takes long, at most `FEW_FOLDS`
+#: folds of the cross-validation; with more than `LONG` rows, where each is slow, `FEW_FOLDS`
 FOLDS, FEW_FOLDS, LONG = 10, 5, 1500
-#: runs from which on whole runs are left out: with fewer, a fold is a third of all there is
+#: from this number of runs on a fold holds whole runs: with fewer it would be a third of the data
 RUNS = 4
 
 
 def random_folds(group, count, rng):
-    """Row numbers of `count` folds, drawn at random; rows of one group stay together."""
+    """Row indices of `count` random folds; rows of one group stay together."""
     names = np.unique(group)
     return [np.flatnonzero(np.isin(group, part))
             for part in np.array_split(rng.permutation(names), min(count, len(names)))]
 
 
 def contiguous_folds(order, count):
-    """Row numbers of `count` folds that follow one another in `order` (time, or the rows)."""
+    """Row indices of `count` contiguous folds in `order` (of time, or of the rows)."""
     return [np.sort(f) for f in np.array_split(np.argsort(order, kind='stable'), count)]
 
 
 def effective_runs(label):
-    """How many equal runs these runs are worth: n^2 / sum of n_i^2.
+    """Effective number of runs of equal length: n^2 / sum of n_i^2.
 
-    Of seven rows and 49 the long run left out takes with it all that there is to fit.
+    With runs of 7 and 49 rows, holding out the long run would leave almost nothing to fit.
 
     Parameters
     ----------
@@ -54,25 +53,27 @@ def effective_runs(label):
 
 
 def leaves_runs(problem):
-    """Whether whole runs of a `SelectionProblem` are left out: from `RUNS` on."""
+    """Whether folds of a `SelectionProblem` hold whole runs: from `RUNS` effective runs on."""
     return not problem.by_rows and effective_runs(problem.sequence.run) >= RUNS
 
 
 def predicted(problem, part, chosen, noise, test):
-    """Residuals of `test` rows by a fit to a part of the rows.
+    """Residuals of `test` rows, predicted by a fit to a part of the rows.
 
-    What the part has chosen is predicted at the places and periods that the part has found.
-    Columns that each run fits for itself come from the run's rows in the part. A run that has none
-    is a new night: they are refitted on its `test` rows, robustly; nothing else of those is used.
+    Effects are predicted with the places and periods found on the part. Columns that each run
+    fits for itself are fitted to the run's rows in the part. A run without rows there is a new
+    night: these columns are refitted robustly to its `test` rows; nothing else of those is used.
 
     Parameters
     ----------
     problem, part : SelectionProblem
-        The whole, and the part.
+        All rows, and the part.
     chosen : list of CandidateGroup
+        Groups selected on the part.
     noise : WhiteNoise or CorrelatedNoise
-        Of the part.
+        Noise of the part.
     test : ndarray of int
+        Indices of the held-out rows.
 
     Returns
     -------
@@ -80,7 +81,7 @@ def predicted(problem, part, chosen, noise, test):
         Radians.
     """
     design = part.design(chosen)
-    # what these runs cannot tell from their own terms is not predicted
+    # columns degenerate with the runs' own columns are not predicted
     p, own = design.solver(noise, DISTINCT)(part.b)
     other = problem.other_rows(test, part, chosen)
     other.b = other.b - p @ other.base.common
@@ -90,13 +91,13 @@ def predicted(problem, part, chosen, noise, test):
         if new.any():
             rows = other.rows(np.flatnonzero(new[:len(test)]))
             rows.base = rows.base.without_common()
-            # zeros of a night are fitted as an observer would, not by its memory
+            # zeros of a night are fitted with white noise, as an observer would
             other.b[new] = rows.plain.fit([]).raw
     return other.b.reshape(2, len(test))
 
 
 def cross_validate(problem, chosen, folds):
-    """Residuals of every row predicted from the other folds, for a given choice.
+    """Cross-validated residuals of every row, for given groups.
 
     Returns
     -------
@@ -112,7 +113,7 @@ def cross_validate(problem, chosen, folds):
 
 
 def cross_validate_quickly(problem, chosen, noise, partitions):
-    """`cross_validate` with the weights and the noise of a fit to all rows, in several partitions.
+    """`cross_validate` in several partitions, with the weights and noise of a fit to all rows.
 
     Parameters
     ----------
@@ -125,7 +126,7 @@ def cross_validate_quickly(problem, chosen, noise, partitions):
     Returns
     -------
     list of ndarray, shape (2, n)
-        Radians; of rows without weight they may be 0.
+        Radians; may be 0 in rows without weight.
     """
     design = problem.design(chosen)
     basis = None if design.groups else design.basis(noise)
@@ -135,7 +136,7 @@ def cross_validate_quickly(problem, chosen, noise, partitions):
 
 
 def _fold_by_fold(problem, chosen, noise, folds):
-    """`cross_validate_quickly` in one partition, each fold by a fit of its own."""
+    """`cross_validate_quickly` in one partition, with a separate fit for each fold."""
     whole = problem.only(chosen)
     design, everything = whole.base, np.arange(problem.n)
     out = np.empty((2, problem.n))
@@ -151,13 +152,14 @@ def _fold_by_fold(problem, chosen, noise, folds):
 
 
 def _without_each(basis, noise, b, folds):
-    """Residuals of each fold by the fit without it, from one fit of all rows and the leverage of
-    the fold's (Cook and Weisberg 1982, Residuals and Influence in Regression, section 3.2).
+    """Residuals of each fold by the fit without it, from one fit to all rows and the leverages.
+
+    See Cook and Weisberg 1982, Residuals and Influence in Regression, section 3.2.
 
     Returns
     -------
     ndarray, shape (2, n), or None
-        None where the other rows do not determine all columns.
+        None where the other rows of a fold do not determine all columns.
     """
     n, rows = len(b) // 2, basis.common
     left = basis.off(noise.whiten(b))
@@ -173,7 +175,7 @@ def _without_each(basis, noise, b, folds):
 
 
 def partitions_of(problem, count, rng):
-    """Folds by which a choice is judged: at random and in stretches; whole runs from 4 runs on.
+    """Partitions for the cross-validation: random and contiguous folds; whole runs from 4 runs on.
 
     Parameters
     ----------
@@ -190,6 +192,6 @@ def partitions_of(problem, count, rng):
         count = min(count, FEW_FOLDS)
     if leaves_runs(problem):
         return [random_folds(sequence.run, count, rng)]
-    # neighbours in time (or in the order of the rows) may share their error
+    # neighbours in time (or in the order of the rows) may be correlated
     return [random_folds(sequence.group, count, rng),
             contiguous_folds(np.argsort(sequence.order), count)]

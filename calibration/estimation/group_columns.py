@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Designs of which some columns are zero outside one group: zeros of power-ons, terms of a night.
+"""Designs with group columns, zero outside one group: zeros of a power-on, terms of a night.
 
-Columns that are zero outside their group are fitted in closed form, whatever the weights: what they
-take of a vector is a few sums over the group (Frisch and Waugh 1933, Econometrica 1, 387). So a
-group more costs sums more, and no column of the normal matrix.
+Group columns are fitted in closed form, whatever the weights: projecting them out of a vector takes
+a few sums over the group (Frisch and Waugh 1933, Econometrica 1, 387). A further group costs a few
+more sums, and no column of the normal matrix.
 """
 
 from dataclasses import dataclass, replace
@@ -27,18 +27,17 @@ import numpy as np
 from .correlated_noise import EIGEN, CorrelatedNoise, WhiteNoise
 from .lapack import lapack
 
-#: of a row of unit length that those before it do not explain: with more of each none depends on
-#: others
+#: part of a unit row that the rows before it do not span: if larger for each, they are independent
 _SURE = 1e-3
-#: ... and with so much of all of them the normal matrix is as precise
+#: ... if larger than this for each, the normal matrix is precise enough
 _APART = 0.1
-#: ... and with less it is rounding: the row is one of them
+#: ... if smaller than this it is rounding: the row depends on those before
 _NOTHING = 1e-8
-#: of a common column, what must remain beyond those of the groups: below it, it may be rounding
+#: part of a common column that must remain beyond the group columns: less may be rounding
 _LEAST = 1e-5
-#: eigenvalue of a normal matrix of unit columns above which Cholesky's factor is as good
+#: least eigenvalue of a normal matrix of unit columns for which Cholesky is precise enough
 _CLEAR = 1e-8
-#: columns of groups that are sooner taken for common ones, zeros and all
+#: up to this number of group columns, dense common columns with their zeros are faster
 _FEW = 48
 
 
@@ -59,7 +58,7 @@ def orthonormal(rows):
         length = np.sqrt(np.einsum('ij,ij->i', rows, rows))
         rows = rows[length > 0.0] / length[length > 0.0, None]
         if 0 < len(rows) <= rows.shape[1]:
-            # a twentieth of the time of the eigenvalues; a tenth
+            # these take a twentieth and a tenth of the time of the eigenvalues
             basis = _orthonormal_by_cholesky(rows)
             basis = _orthonormal_by_qr(rows) if basis is None else basis
             if basis is not None:
@@ -71,12 +70,12 @@ def orthonormal(rows):
 
 
 def _orthonormal_by_cholesky(rows):
-    """`orthonormal` of rows of unit length, none where rounding would be seen."""
+    """`orthonormal` of unit rows; None where rounding errors would matter."""
     factor, bad = lapack().dpotrf((rows @ rows.T).T)
     if bad or factor.diagonal().min() < _APART:
         return None
     inverse = triangular_inverse(factor)
-    # as in `inverse_root`: never below 1 / the least eigenvalue
+    # as in `inverse_root`: this trace is never below 1 / the least eigenvalue
     return inverse.T @ rows if np.vdot(inverse, inverse) < 1.0 / _APART**2 else None
 
 
@@ -86,7 +85,7 @@ def triangular_inverse(factor):
 
 
 def _orthonormal_by_qr(rows):
-    """`orthonormal` of rows of unit length, none where it is not clear which depend on others."""
+    """`orthonormal` of unit rows; None where it is not clear which rows are dependent."""
     for _ in range(2):
         turned, tau, _, _ = lapack().dgeqrf(rows.T)
         beyond = np.abs(turned.diagonal())
@@ -101,10 +100,9 @@ def _orthonormal_by_qr(rows):
 
 
 def inverse_root(normal, least=EIGEN):
-    """H with H H^T = N^-1, shape (..., j, j), where N determines it; else zero.
+    """H with H H^T = N^-1, shape (..., j, j), and zero in directions that N does not determine.
 
-    Directions count of which the eigenvalue, for unit columns, is above the part `least` of the
-    largest.
+    These have an eigenvalue, for unit columns, of less than `least` times the largest.
     """
     length = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
     length = np.where(length > 0.0, length, 1.0)
@@ -113,7 +111,7 @@ def inverse_root(normal, least=EIGEN):
         lower = np.linalg.cholesky(unit)
         root = np.array([triangular_inverse(one.T) for one in lower.reshape(
             -1, *lower.shape[-2:])]).reshape(lower.shape)
-        # the trace of the inverse is never below 1 / the least eigenvalue, the largest at most k
+        # trace of the inverse >= 1 / the least eigenvalue; the largest eigenvalue is at most k
         trace = np.square(root).sum(axis=(-2, -1)).max(initial=0.0)
         if unit.shape[-1] * trace < 1.0 / max(least, _CLEAR):
             return root / length[..., None]
@@ -127,22 +125,23 @@ def inverse_root(normal, least=EIGEN):
 
 @dataclass(frozen=True, eq=False)
 class GroupColumns:
-    """A design: columns of all rows, then of each group columns `own`, zero in other groups.
+    """A design: common columns, then for each group the columns `own`, zero in other groups.
 
-    To `least_squares` it is as an ndarray of shape (k + groups * j, n).
+    For `least_squares` it behaves like an ndarray of shape (k + groups * j, n).
 
     Attributes
     ----------
     group : ndarray of int, shape (n,)
-        0, 1, ...
+        Group of each row: 0, 1, ...
     own : ndarray, shape (j, n)
-        Of each group; of one in which they are zero there are none.
+        Values of the group columns; a group where they are all zero has none.
     common : ndarray, shape (k, n)
+        Columns over all rows.
     zeros : sequence of int
-        Which of the common columns are the zeros of the axes.
+        Indices of the common columns that are the zeros of the axes.
     """
 
-    __array_ufunc__ = None  # so that an ndarray leaves products to this
+    __array_ufunc__ = None  # so that `ndarray @ this` calls `__rmatmul__`
 
     group: np.ndarray
     own: np.ndarray
@@ -151,7 +150,7 @@ class GroupColumns:
 
     @classmethod
     def of(cls, label, own=None, common=None, zeros=()):
-        """With the groups that share a value of `label`, shape (n,); `own` is 1 by default."""
+        """Design with a group for each value of `label`, shape (n,); `own` is 1 by default."""
         n = len(label)
         return cls(np.unique(label, return_inverse=True)[1].reshape(n),
                    np.ones((1, n)) if own is None else own,
@@ -159,20 +158,20 @@ class GroupColumns:
 
     @classmethod
     def alone(cls, common, zeros=()):
-        """Without groups."""
+        """Design without groups."""
         n = common.shape[1]
         return cls(np.zeros(n, int), np.empty((0, n)), common, zeros)
 
     @classmethod
     def of_runs(cls, terms, run, cos_el):
-        """Of two axes: columns of terms, then how far the zeros of each run are from the first's.
+        """Design for two axes: columns of terms, then zero offsets of each run from the first run.
 
         Parameters
         ----------
         terms : ndarray, shape (k, 2n)
             x of all rows, then y.
         run : ndarray, shape (n,)
-            Numbers; at least two differ.
+            Run numbers, at least two different ones.
         cos_el : ndarray, shape (n,)
         """
         place = np.unique(run, return_inverse=True)[1].reshape(len(run))
@@ -182,7 +181,7 @@ class GroupColumns:
 
     @cached_property
     def groups(self):
-        """How many."""
+        """Number of groups."""
         return int(self.group.max(initial=-1)) + 1 if len(self.own) else 0
 
     @cached_property
@@ -192,18 +191,18 @@ class GroupColumns:
 
     @property
     def shape(self):
-        """Of the ndarray in whose place it is."""
+        """Shape of the equivalent ndarray."""
         return len(self.common) + self.groups * len(self.own), self.common.shape[1]
 
     def __len__(self):
         return self.shape[0]
 
     def beside(self, *columns):
-        """With further common columns, shape (n,) or (j, n) each."""
+        """The design with further common columns, shape (n,) or (j, n) each."""
         return self._with(common=np.vstack([self.common, *columns]))
 
     def rows(self, rows):
-        """Of some rows (indices of n); the groups keep their numbers."""
+        """The design of some rows (indices of n); the groups keep their numbers."""
         return self._with(group=self.group[rows], own=self.own[:, rows],
                           common=self.common[:, rows])
 
@@ -212,13 +211,13 @@ class GroupColumns:
         return self._with(common=self.common[:0], zeros=())
 
     def quickest(self):
-        """The same span: columns of groups that are few are taken for common ones."""
+        """A design of the same span: few group columns are turned into common ones."""
         if self.groups and self.groups * len(self.own) <= _FEW:
             return GroupColumns.alone(np.asarray(self))
         return self
 
     def whitened(self, noise):
-        """By a noise in which no row resembles one of another group."""
+        """The whitened design; the noise must not correlate rows of different groups."""
         own = noise.whiten(self.own) if self.groups else self.own
         return self._with(own=own, common=noise.whiten(self.common))
 
@@ -230,7 +229,7 @@ class GroupColumns:
         return out
 
     def sums(self, values):
-        """Products of the groups' columns with `values`, (m, n): shape (groups, j, m)."""
+        """Products of the group columns with `values`, (m, n): shape (groups, j, m)."""
         if len(self.own) == 1:  # one pass, whatever the number of groups
             place = np.arange(len(values))[:, None] * self.groups + self.group
             return np.bincount(place.ravel(), (self.own * values).ravel(),
@@ -239,7 +238,7 @@ class GroupColumns:
             self.groups, len(self.own), len(values))
 
     def spread(self, coefficients):
-        """Coefficients of the groups' columns, (groups, j, m), as values, shape (m, n)."""
+        """Values, shape (m, n), from coefficients of the group columns, (groups, j, m)."""
         if len(self.own) == 1:
             return self.own * coefficients[self.group, 0].T
         out = np.zeros((coefficients.shape[2], self.shape[1]))
@@ -248,18 +247,18 @@ class GroupColumns:
         return out
 
     def own_normal(self, weights=None):
-        """Normal matrices of the groups' columns, shape (groups, j, j)."""
+        """Normal matrices of the group columns, shape (groups, j, j)."""
         return self.sums(self.own if weights is None else weights * self.own)
 
     def share(self, values, weights=None, root=None):
-        """Coefficients of the groups' columns alone, with those weights, shape (groups, j, m).
+        """Weighted fit of the group columns alone: coefficients, shape (groups, j, m).
 
         Parameters
         ----------
         values : ndarray, shape (m, n)
         weights : ndarray, shape (n,), optional
         root : ndarray, shape (groups, j, j), optional
-            `inverse_root` of `own_normal`, where it is known.
+            `inverse_root` of `own_normal`, if known.
         """
         root = inverse_root(self.own_normal(weights)) if root is None else root
         sums = self.sums(values if weights is None else weights * values)
@@ -276,7 +275,7 @@ class GroupColumns:
                         own.reshape(len(across), -1))
 
     def basis(self, noise=None):
-        """`Basis` of the columns, whitened by a noise as of `whitened`."""
+        """`Basis` of the columns, optionally whitened (see `whitened`)."""
         white = self if noise is None else self.whitened(noise)
         if not self.groups:
             return Basis(orthonormal(white.common), white)
@@ -286,7 +285,7 @@ class GroupColumns:
         return Basis(orthonormal(left[after > _LEAST * length]), groups.groups)
 
     def orthonormal_groups(self):
-        """`Basis` of the groups' columns alone."""
+        """`Basis` of the group columns alone."""
         out = self.without_common()
         for _ in range(2 if self.groups else 0):  # twice is enough for orthogonality to rounding
             out = out._with(own=out.spread(inverse_root(out.own_normal())))
@@ -297,7 +296,7 @@ class GroupColumns:
         return ColumnSolver(self, noise, least)
 
     def left_of(self, b, noise):
-        """What a least-squares fit leaves of all rows, those without weight too, shape (n,).
+        """Residuals of a least-squares fit, shape (n,), also of rows without weight.
 
         Parameters
         ----------
@@ -307,11 +306,11 @@ class GroupColumns:
         return b - np.concatenate([of.ravel() for of in self.solver(noise)(b)]) @ self
 
     def __matmul__(self, values):
-        """With values of the rows, shape (n,)."""
+        """Product of the columns with values of the rows, shape (n,)."""
         return np.concatenate((self.common @ values, self.sums(values[None]).ravel()))
 
     def __rmatmul__(self, p):
-        """Coefficients as values of the rows; of a matrix of them, dense."""
+        """Values of the rows from coefficients (of a matrix of these, by a dense copy)."""
         if p.ndim > 1:
             return p @ np.asarray(self)
         k = len(self.common)
@@ -325,23 +324,23 @@ class GroupColumns:
 
 
 def bordered(corner, across, own):
-    """Symmetric, of the common columns, between these and those of the groups, of the latter."""
+    """Symmetric block matrix: common columns, common with group columns, group columns."""
     return np.concatenate((np.concatenate((corner, across.T), axis=1),
                            np.concatenate((across, own), axis=1)))
 
 
 class Basis:
-    """Orthonormal rows, of which those of groups are zero elsewhere and kept so.
+    """Orthonormal basis rows, those of groups stored without their zeros.
 
-    Of 119 runs with six terms each 714 rows of 2n would be nearly all zeros; to take them off
-    hundreds of candidates would cost a hundred times as much.
+    With 119 runs of six terms each, 714 dense rows of 2n values would be nearly all zeros, and
+    projecting them out of hundreds of candidates would take a hundred times as long.
 
     Parameters
     ----------
     common : ndarray, shape (k, n)
-        Orthonormal, beyond those of the groups.
+        Orthonormal, and orthogonal to the group columns.
     groups : GroupColumns
-        Whose own columns are orthonormal, or zero; by default without any.
+        Its own columns are orthonormal, or zero; by default no groups.
     """
 
     def __init__(self, common, groups=None):
@@ -352,22 +351,22 @@ class Basis:
         return len(self.common) + round(np.square(self.groups.own).sum())
 
     def off(self, rows, in_place=False):
-        """Rows, shape (..., n), without what the basis spans."""
+        """Rows, shape (..., n), with the basis projected out."""
         out = self.off_groups(rows if in_place else np.array(rows, dtype=float))
         out -= (out @ self.common.T) @ self.common
         return out
 
     def off_groups(self, rows):
-        """Rows, shape (..., n), without what those of groups span; `rows` are changed."""
+        """Rows, shape (..., n), with the group columns projected out; changes `rows` in place."""
         if self.groups.groups:
             flat = rows.reshape(-1, rows.shape[-1])
             flat -= self.groups.spread(self.groups.sums(flat))
         return rows
 
     def blocks_of_rows(self, beside=None):
-        """Entries of the projector that belong to one row of two axes: xx, yy and xy, each (n,).
+        """The 2 x 2 block of the projector for each row of two axes: xx, yy and xy, each (n,).
 
-        Both values of a row are of one group. With further orthonormal rows `beside` it, (j, n).
+        Both values of a row must be of one group. `beside` : further orthonormal rows, (j, n).
         """
         return self._blocks if beside is None else self._blocks + _blocks(beside)
 
@@ -382,20 +381,20 @@ def _blocks(rows):
 
 
 class ColumnSolver:
-    """Least squares by `GroupColumns`, group by group.
+    """Least squares with `GroupColumns`, group by group.
 
     Parameters
     ----------
     columns : GroupColumns
     noise : WhiteNoise or CorrelatedNoise
     least : float
-        Part of a common column that the groups cannot fit for themselves: below it its coefficient
-        is zero.
+        Part of a common column that must remain beyond the group columns; with less its
+        coefficient is zero.
 
     Attributes
     ----------
     inverse : ndarray, shape (k, k)
-        Covariance of the coefficients of the common columns, whatever the groups' own are.
+        Covariance of the coefficients of the common columns, marginal over those of the groups.
     """
 
     def __init__(self, columns, noise, least):
@@ -410,16 +409,16 @@ class ColumnSolver:
         self._beyond, self.inverse = beyond, root @ root.T
 
     def inverse_under(self, noise):
-        """Covariance of the same coefficients, if the noise is another `CorrelatedNoise`."""
+        """Covariance of the same estimator under another `CorrelatedNoise`."""
         factor = noise.spread((self.inverse @ self._beyond) * self._noise.root)
         return factor @ factor.T
 
     def __call__(self, b):
         """Coefficients of the common columns, (k,), and of each group's own, (groups, j).
 
-        Zeros are where the rows were, not where their memory would take them: where correlated
-        noise goes through the whole run its mean is hardly known, and generalised least squares
-        may put it far beside all rows (a run of 1.4 h with noise of 140": 60").
+        Zeros of the axes are weighted means of the rows, not generalised least squares: if the
+        correlation time is as long as the run, the latter hardly determines the mean and may put
+        it far from all rows (by 60" in a run of 1.4 h with noise of 140").
         """
         columns, root = self._columns, self._noise.root
         p = self.inverse @ (self._beyond @ self._groups.off(self._noise.whiten(b)))

@@ -12,10 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Linear algebra on stacked residuals: x of all rows, then y of all rows.
+"""Robust linear fits of stacked residuals: x of all rows, then y of all rows.
 
-Both values of a row belong together: they are flipped together, weighted together and left out
-together.
+Both values of a row are always sign-flipped, weighted and held out together.
 """
 
 from dataclasses import dataclass, field
@@ -31,36 +30,36 @@ from .least_squares import reweighted, weighted_solve
 from .memory_likelihood import noise_memory
 from .robust import bisquare, hampel, huber
 
-#: part of a (scaled) column that must remain beyond the model: below it the coefficient's sigma is
-#: 50 times that of the column alone, and what is found rests on the second order
+#: part of a (scaled) column that must remain orthogonal to the model: with less the coefficient's
+#: sigma is 50 times that of the column alone, and second-order errors decide the result
 DISTINCT = 0.02
-_RCOND = 1e-5  # relative singular value of columns that depend on others but for rounding
+_RCOND = 1e-5  # relative singular value below which columns are linearly dependent
 #: weight above which a row counts: Hampel's is 0.05 at 20.5 standard deviations
 LIVE = 0.05
 
 
 @dataclass
 class WeightedFit:
-    """A robust weighted fit of some columns: what is left, and how it was weighted.
+    """A robust weighted fit of some columns: its residuals, weights and noise.
 
     Attributes
     ----------
     basis : Basis
-        Of the whitened columns.
+        Orthonormal basis of the whitened columns.
     noise : WhiteNoise or CorrelatedNoise
-        By which the rows are whitened.
+        Noise that whitens the rows.
     residual : ndarray, shape (2n,)
-        Whitened.
+        Whitened residuals.
     left : ndarray, shape (2n,), or callable
-        `raw`, or what gives it when it is asked for: few ask.
+        `raw`, or a function that returns it, for it is rarely needed.
     weights : ndarray, shape (n,)
-        Robust, 0 to 1.
+        Robust weights, 0 to 1.
     scale : ndarray, shape (2,)
         Robust noise of x and y, radians (in sigmas, if these were given).
     memory : tuple of AxisNoise
-        Of x and y, that the noise has; empty: none.
+        Correlated noise of x and y; empty: white.
     known : dict
-        What has been computed of it: a search comes back to the same fits.
+        Cache of results computed from the fit, for a search returns to earlier fits.
     """
 
     basis: Basis
@@ -74,23 +73,23 @@ class WeightedFit:
 
     @property
     def n(self):
-        """Rows."""
+        """Number of rows."""
         return len(self.weights)
 
     @property
     def raw(self):
-        """What is left, radians, shape (2n,)."""
+        """Residuals, radians, shape (2n,)."""
         if callable(self.left):
             self.left = self.left()
         return self.left
 
 
 def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trusted=None):
-    """Robust least squares of `b` by `columns`, without memory.
+    """Robust least squares of `b` on `columns`, with white noise.
 
-    Huber, then Hampel's weights of the radial distance at the scale of the median absolute
-    residual; the axes then get their own variance. Hampel's leave a row some weight up to 25
-    standard deviations: a few rows that lie off together may be what is looked for.
+    First Huber's, then Hampel's weights of the radial distance, scaled by the median absolute
+    residual; then each axis gets its own variance. Hampel's weight is above zero up to 25 standard
+    deviations: a few outliers close together may be the effect that is looked for.
 
     Parameters
     ----------
@@ -99,12 +98,12 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trus
         Radians.
     inverse_sigma : ndarray, shape (2n,), optional
     weights : ndarray, shape (n,), optional
-        Of a fit of nearly the same, to start from.
+        Starting weights, from a similar fit.
     final : bool
-        Bisquare weights (zero from 7 standard deviations) in place of Hampel's, as the direct
-        solver: nothing more is looked for.
+        Bisquare weights (zero from 7 standard deviations) in place of Hampel's, as in the direct
+        solver: the search is over.
     trusted : ndarray of int, shape (n,), optional
-        1: rows that keep all their weight, however far they are off; -1: that have none.
+        1: rows that keep full weight, however large their residual; -1: rows without weight.
 
     Returns
     -------
@@ -112,10 +111,10 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trus
     """
     n = len(b) // 2
     given = np.ones(2 * n) if inverse_sigma is None else inverse_sigma
-    least = ARCSEC if inverse_sigma is None else 1.0  # the unit of the noise that is not zero
+    least = ARCSEC if inverse_sigma is None else 1.0  # unit of the floors of the noise
     last = bisquare if final else hampel
     steps = [None] + [huber] * 6 + [last] * 5 if weights is None else [last] * 4
-    # of columns that nearly depend on others each solution would look for those anew
+    # an orthonormal basis, so that no iteration has to handle nearly dependent columns again
     columns = columns.quickest()
     if not columns.groups:
         columns = GroupColumns.alone(orthonormal(columns.common))
@@ -148,23 +147,23 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trus
 
 
 def memory_of(fit, columns, sequence):
-    """`noise_memory` of a fit of some columns whose noise was taken as white."""
-    # of what the fit leaves, for the columns take their part of it anyway
+    """`noise_memory` of a white-noise fit of some columns."""
+    # from the residuals: the same as from the data, for the columns are projected out anyway
     return noise_memory(sequence, fit.noise.root, fit.scale, columns, fit.raw)
 
 
 def with_memory(fit, columns, b, sequence, memory):
-    """The fit of the same rows with the same weights, if their noise has a memory.
+    """A white-noise fit redone with correlated noise and the same weights.
 
     Parameters
     ----------
     fit : WeightedFit
-        Without memory.
+        Fit with white noise.
     columns : GroupColumns
     b : ndarray, shape (2n,)
     sequence : Sequence
     memory : tuple of AxisNoise
-        Of x and y.
+        Noise of x and y.
 
     Returns
     -------

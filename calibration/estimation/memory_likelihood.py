@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How large noise that remembers is, and how long it does, by restricted likelihood.
+"""Variance and correlation time (memory) of correlated noise, by restricted likelihood.
 
 The maximum of the restricted likelihood (Patterson and Thompson 1971, Biometrika 58, 545; REML)
-over a grid of memories and sizes of `correlated_noise`.
+over a grid of correlation times and variances of `correlated_noise`.
 """
 
 from copy import copy
@@ -24,8 +24,8 @@ import numpy as np
 
 from .correlated_noise import AT_ONCE, EIGEN, MEMORY_STEP, AxisNoise, AxisRows, WhiteNoise
 
-#: between sizes that are tried (variance over that of the white noise); then half a step about the
-#: best of them, and of the memories
+#: ratio of successive sizes tried (variance over that of the white noise); then the grid is refined
+#: by half a step about the best size and memory
 _SIZE_STEP = 10.0
 _SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
 _FINER = _SIZE_STEP ** np.arange(-1.5, 3.0, 0.5)
@@ -34,38 +34,38 @@ _ABOUT = np.array([(longer, larger) for longer in (-0.5, 0.0, 0.5) for larger in
 
 
 def noise_memory(sequence, root, scale, columns, b):
-    """How much rows resemble their neighbours: the noise of each axis, by restricted likelihood.
+    """Estimate the correlated noise of each axis by restricted likelihood.
 
     Parameters
     ----------
     sequence : Sequence
     root : ndarray, shape (2n,)
-        Weights, with all noise taken as white.
+        1 / sigma of a fit with white noise.
     scale : ndarray, shape (2,)
-        That noise, as `WeightedFit.scale`.
+        Scale of that noise, see `WeightedFit.scale`.
     columns : GroupColumns
-        What is fitted; groups are runs, or parts of them.
+        Fitted columns; groups are runs, or parts of them.
     b : ndarray, shape (2n,)
 
     Returns
     -------
     tuple of AxisNoise
-        Of x and y.
+        Noise of x and y.
     """
     return MemorySearch(sequence, root, scale, columns, b).noise()
 
 
 class MemorySearch:
-    """What `noise_memory` finds, also without some columns: most is the same for all of these.
+    """`noise_memory` with all columns and without some, sharing most of the work.
 
-    Parameters are as of `noise_memory`.
+    For the parameters see `noise_memory`.
     """
 
     def __init__(self, sequence, root, scale, columns, b):
         self._memories, self._scale, self._with_factor = sequence.memories, scale, None
         self._axes = [AxisLikelihood(sequence, axis, False, root, scale, columns, b)
                       for axis in (0, 1)]
-        self._of_all = {}  # of each axis, with all columns
+        self._of_all = {}  # noise of each axis with all columns
 
     def noise(self, without=()):
         """`AxisNoise` of x and y, without some of the common columns (indices)."""
@@ -83,7 +83,7 @@ class MemorySearch:
         if not likelihood.few:
             best = likelihood.climb(self._memories, _SIZES, best)
         if axis == 0 and best.gain > 0.0:
-            # nearly the same curve: near the best of the other
+            # the likelihood with the factor is similar: start at the best noise without it
             self._with_factor = self._with_factor or every.with_factor()
             likelihood = self._with_factor.without(without)
             size = best.variance / (best.scale / self._scale[0])**2 / likelihood.typical
@@ -92,22 +92,21 @@ class MemorySearch:
 
 
 def likely_memories(sequence, root, memory, scale, columns, b):
-    """Noise that each axis may have, and how likely it is: the estimate alone claims too much.
+    """Possible noises of each axis with posterior probabilities, for one estimate is too certain.
 
-    Half of the prior is that it has no memory, the other half is even over the logarithms of memory
-    and size.
+    Prior: 1/2 for white noise, 1/2 spread evenly over the logarithms of memory and size.
 
     Parameters
     ----------
     sequence, root, scale, columns, b
-        As of `noise_memory`.
+        See `noise_memory`.
     memory : tuple of AxisNoise
         The estimate.
 
     Returns
     -------
     list of (list of AxisNoise, ndarray)
-        Of x and y: noises, the first of them white, and their chances.
+        For x and y: noises, the first of them white, and their probabilities.
     """
     out = []
     for axis in (0, 1):
@@ -122,19 +121,19 @@ def likely_memories(sequence, root, memory, scale, columns, b):
 
 
 def _grid(memories, sizes):
-    """All pairs, each shape (m s,)."""
+    """All pairs of memories and sizes, each shape (m s,)."""
     return np.repeat(memories, len(sizes)), np.tile(sizes, len(memories))
 
 
 class AxisLikelihood:
-    """The restricted likelihood of noise of one axis; parameters as of `noise_memory`.
+    """The restricted likelihood of the noise of one axis; for the parameters see `noise_memory`.
 
     Attributes
     ----------
     few : bool
-        The rows do not determine what is fitted and a noise.
+        Too few rows to determine the columns and a noise.
     typical : float
-        Variance of the white noise.
+        Typical (median) variance of the white noise.
     """
 
     def __init__(self, sequence, axis, scaled, root, scale, columns, b):
@@ -142,7 +141,7 @@ class AxisLikelihood:
         part = slice(axis * n, (axis + 1) * n)
         own = columns.own[:, part]
         own = own[np.abs(own).max(axis=1, initial=0.0) > 0.0]
-        # what an axis does not tell apart would be rounding; noise changes nothing of that
+        # a basis of the columns on this axis, for dependent ones would leave rounding errors
         within = columns.rows(np.arange(len(b))[part])
         live = (root[part] > 0.0).astype(float)
         rows = within.basis(WhiteNoise(live)).common
@@ -158,11 +157,11 @@ class AxisLikelihood:
         white = self._rows.white
         self.typical = float(np.mean(np.sort(white)[[(len(white) - 1) // 2, len(white) // 2]])) \
             if len(white) else 1.0
-        self._products = {}  # of each noise
+        self._products = {}  # for each noise
         self._turn(np.eye(len(self._common.T)))
 
     def _turn(self, basis):
-        """Let the design be what of the columns has this basis (j, k)."""
+        """Set the design to the span with this basis (j, k)."""
         self._basis = np.zeros((len(basis) + 1, len(basis.T) + 1))
         self._basis[:-1, :-1], self._basis[-1, -1] = basis, 1.0
         self.few = len(self._rows.rows) < len(basis) + self._own * len(self._rows.starts) + 3
@@ -170,11 +169,11 @@ class AxisLikelihood:
             self._none = float(self._of(None)[0][0])
 
     def has(self, columns):
-        """Whether any of the common columns (indices) has anything on the axis."""
+        """Whether any of the common columns (indices) is not zero on the axis."""
         return bool(self._common[list(columns)].any())
 
     def without(self, columns):
-        """The same without some of the common columns (indices)."""
+        """The likelihood without some of the common columns (indices)."""
         if not len(columns):
             return self
         out = copy(self)
@@ -182,13 +181,13 @@ class AxisLikelihood:
         return out
 
     def with_factor(self):
-        """The same of a process that has the factor of the sequence."""
+        """The likelihood of a process scaled by the factor of the sequence."""
         out = copy(self)
         out._set(True)
         return out
 
     def climb(self, memories, sizes, best):
-        """The best of a grid, and then of a finer one about it."""
+        """The best noise of a grid and of a finer one about its best, or `best` if better."""
         if not len(memories):
             return best
         tried = self._tried(*_grid(memories, sizes))
@@ -199,7 +198,7 @@ class AxisLikelihood:
         return max(best, self._noise(*tried[:, int(np.argmin(tried[2]))]), key=lambda one: one.gain)
 
     def at(self, memories, sizes):
-        """`AxisNoise` of each memory and size (over the variance of the white noise), in pairs."""
+        """`AxisNoise` of each pair of memory and size (variance over that of the white noise)."""
         return [self._noise(*one) for one in self._tried(memories, sizes).T]
 
     def _tried(self, memories, sizes):
@@ -212,9 +211,9 @@ class AxisLikelihood:
                          self._scale * float(np.sqrt(variance)), float(self._none - value))
 
     def _of(self, noises):
-        """-2 ln L restricted (but for a constant) of noises, and the variance of the rows.
+        """-2 ln L restricted (but for a constant) of noises, and the variance factor of the rows.
 
-        Noises are memories and sizes, shape (2, t), None of white noise.
+        `noises` : memories and sizes, shape (2, t); None: white noise.
         """
         key = None if noises is None else noises.tobytes()
         if key not in self._products:
@@ -235,18 +234,18 @@ class AxisLikelihood:
         return [np.concatenate(of) for of in zip(*parts)]
 
     def _left(self, white, log_det):
-        """Products of columns, shape (k, t, m), for `restricted`, of each try.
+        """Products of whitened columns, shape (k, t, m), for `restricted`, for each noise.
 
-        What each run fits for itself comes first in them: no row of one run has to do with those
-        of another, so it is taken out run by run.
+        The first columns are those that each run fits for itself. Runs are uncorrelated, so these
+        are projected out run by run.
 
         Returns
         -------
         products : ndarray, shape (t, j, j)
         log_det : ndarray, shape (t,)
-            With that of what was taken out.
+            Including the determinants of the normal matrices of the runs' own columns.
         taken : ndarray of int, shape (t,)
-            Numbers that were.
+            Number of coefficients projected out.
         """
         taken = np.zeros(white.shape[1], int)
         if self._own:
@@ -270,17 +269,16 @@ class AxisLikelihood:
 
 
 def restricted(products, log_det, free):
-    """-2 ln L restricted, the variance by the rows themselves.
+    """-2 ln L restricted, with the variance factor estimated from the rows.
 
     Parameters
     ----------
     products : ndarray, shape (..., k + 1, k + 1)
-        Of whitened columns with each other: the design, of which none depends on others, and
-        behind it what it is fitted to.
+        Products of the whitened columns: the (independent) columns of the design, then the data.
     log_det : float or ndarray, shape (...)
-        Of the covariance they are whitened by, but for the variance.
+        ln of the determinant of the covariance, but for the variance factor.
     free : int or ndarray, shape (...)
-        Rows less the numbers that were fitted before.
+        Rows less the coefficients already projected out.
 
     Returns
     -------

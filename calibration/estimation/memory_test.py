@@ -12,13 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Is a group of columns beyond noise that remembers? Likelihood ratio, its chance by simulation.
+"""Is a group of columns significant against correlated noise? A likelihood-ratio test.
 
-The test with the noise as it is estimated without the group (`select`) loses most of what such
-noise can imitate: the estimate has swallowed it. Here the noise is fitted anew on either side:
-2 ln of the ratio of the largest likelihoods with and without the group, each over a grid of
-memories and sizes. Its chance is that of as large a ratio for any group that such noise is mistaken
-for, in runs simulated with the noise that was estimated (parametric bootstrap).
+`select` tests with the noise estimated without the group. That has little power for effects
+that correlated noise can imitate, for the estimate absorbs them. Here the noise is fitted with
+and without the group: the statistic is 2 ln of the ratio of the maximum likelihoods, each over a
+grid of correlation times and variances. Its p is the probability of so large a ratio for any
+group that such noise can imitate, from runs simulated with the estimated noise (parametric
+bootstrap).
 """
 
 from functools import cached_property
@@ -27,35 +28,35 @@ import numpy as np
 
 from .candidates import largest
 
-#: a group whose score memory inflates by more (variance) is one that such noise can be mistaken
-#: for; with up to a fifth more a p of 0.01 is one of 0.02
+#: correlated noise can imitate a group if it inflates the variance of its score by more than this;
+#: at a factor of 1.2 a p of 0.01 is really 0.02
 _INFLATED = 1.2
-#: correlation of neighbours below which a group's score is inflated by less than `_INFLATED`: by
-#: less than 1 + 2 _UNLIKE (1 + r + r^2 ...) of rows that share r = 0.6, and of longer memories
-#: those that pass the test are tested again
+#: lag-1 autocorrelation of a group's columns below which its score is inflated by less than
+#: `_INFLATED`: by less than 1 + 2 _UNLIKE (1 + r + r^2 ...) for noise with r = 0.6; with longer
+#: correlation times groups that pass the test are tested again
 _UNLIKE = 0.05
-#: runs simulated: their tail, as `tail_share` has it, tells a limit as well as 300 counted ones
+#: simulated runs: with the tail of `tail_share` they set a limit as precisely as 300 counted ones
 SIMULATIONS = 99
-#: times that the chance of what is not scanned is larger than its tail says
+#: safety factor on the tail probability of groups that are not scanned
 _SAFE = 1.5
-#: share of these that is taken as the tail
+#: fraction of the simulated runs that is taken as the tail
 TAIL = 0.2
-#: mean excess of that tail in an endless run of rows, and how many runs beyond its start that is
-#: worth: of 2000 simulated runs each of 11 runs of four telescopes, with and without what was
-#: found, it was 2.0 to 2.8, mean 2.31, scatter 0.18, what the columns take off the rows reckoned
-#: with; once that scatter on the safe side
+#: prior mean excess of that tail for infinitely many rows, and the weight of this prior in runs: in
+#: 2000 simulations of each of 11 runs of four telescopes, with and without the found effects, it
+#: was 2.0 to 2.8, mean 2.31, scatter 0.18, corrected for the degrees of freedom of the columns;
+#: taken one scatter larger, on the safe side
 _EXCESS, _WORTH = 2.5, 100
-#: 2 ln of a likelihood ratio below which no group is beyond the noise at a p of 0.01: what the
-#: largest passes in 1 of 100 simulated runs was 12.2 to 23.9 (71 nights of 30 to 200 rows)
+#: 2 ln of the likelihood ratio below which no group is significant at p = 0.01: the largest ratio
+#: exceeded by 1 of 100 simulated runs was 12.2 to 23.9 (71 nights of 30 to 200 rows)
 _LEAST_RATIO = 12.0
-#: groups whose ratio is asked for: the one with the largest was among the first 20 of 50 to 400 by
-#: its score with the noise that was estimated, in 160 of 160 steps of two telescopes; of 148 steps
-#: with what is scanned besides, of five, in 143: the others' largest was no evidence, or the 25th
+#: groups for which the ratio is computed, best scores (with the estimated noise) first: the group
+#: with the largest ratio was among the first 20 of 50 to 400 in 160 of 160 steps of two telescopes;
+#: with scans too, in 143 of 148 steps of five: otherwise it was no evidence, or the 25th
 _LIKELY = 25
 
 
 class MemoryMask:
-    """Which groups of a bank noise with memory may be mistaken for, beside a choice.
+    """Which groups of a bank correlated noise can imitate, with `chosen` in the model.
 
     Parameters
     ----------
@@ -63,16 +64,16 @@ class MemoryMask:
     chosen : list of CandidateGroup
     bank : CandidateBank
     plain : WeightedFit
-        Of the choice, without memory.
+        Fit of `chosen` with white noise.
     without : int, optional
-        Of `chosen`, that is left out.
+        Index in `chosen` of a group to omit.
     beside : WeightedFit, optional
-        Of all of `chosen`.
+        Fit of all of `chosen`.
     """
 
     def __init__(self, problem, chosen, bank, plain, without=None, beside=None):
         self._sequence, self._bank, self._plain = problem.sequence, bank, plain
-        chosen = tuple(chosen)  # it is fitted when asked, and a search goes on changing its list
+        chosen = tuple(chosen)  # a copy: the fit comes later, when the search has changed its list
         self._make = lambda: problem.with_memory(plain, chosen, without, beside=beside)
         self._asked, self._covered = np.zeros((2, len(bank)), bool)
 
@@ -85,8 +86,8 @@ class MemoryMask:
         return plain.known[key]
 
     def covers(self, g):
-        """Whether a group is one of them."""
-        # whether it goes with the order of the rows at all is cheaper to ask
+        """Whether correlated noise can imitate a group."""
+        # first the cheaper test: are its columns correlated along the order of the rows at all?
         columns = self._plain.basis.off(self._plain.noise.whiten(self._bank.of(g)))
         ordered = columns.reshape(-1, self._sequence.order.size)[:, self._sequence.order]
         before = np.einsum('ij,ij->', ordered[:, 1:], ordered[:, :-1])
@@ -95,24 +96,24 @@ class MemoryMask:
 
     @property
     def excess(self):
-        """Mean excess of the tail of largest ratios beside the choice, see `tail_share`."""
-        n = self._plain.n  # rows of an axis, which half of the columns are fitted to
+        """Typical mean excess of the tail of largest ratios, see `tail_share`."""
+        n = self._plain.n  # rows of one axis, which fit half of the columns
         return _EXCESS * n / max(n - 0.5 * len(self._plain.basis), 1.0)
 
     @cached_property
     def fit(self):
-        """The choice fitted with memory."""
+        """Fit of `chosen` with correlated noise."""
         return self._make()
 
     @cached_property
     def scores(self):
-        """Of all groups, beside that fit."""
+        """Scores of all groups on that fit."""
         return self._bank.score(self.fit)
 
     def covered(self, groups):
-        """Which of some groups (ascending) are of them, an ndarray.
+        """Those of some groups (ascending) that correlated noise can imitate, an ndarray.
 
-        Memory, if it is not reckoned with, inflates the variance of their scores.
+        Ignoring the correlation would inflate the variance of their scores.
         """
         groups = np.asarray(groups, int)
         if not self.fit.memory or not len(groups):
@@ -128,19 +129,20 @@ class MemoryMask:
         return groups[self._covered[groups]]
 
     def likely(self, groups, count):
-        """Of some groups (ascending) that are of them the `count` with the largest gains beside the
-        fit with memory, ascending.
-        """
+        """The `count` covered groups of `groups` with the largest gains on `fit`, ascending."""
         order = groups[np.argsort(-self.scores.delta_bic[groups], kind='stable')]
         stop = count
-        while True:  # few of them are asked
+        while True:  # so that few groups are tested
             stop *= 2
             covered = self.covered(np.sort(order[:stop]))
             if len(covered) >= count or stop >= len(order):
                 return np.sort(order[np.isin(order, covered)][:count])
 
     def _inflates(self, columns, starts):
-        """Of groups whose whitened columns, beyond the model, begin at `starts`."""
+        """Whether the correlation inflates the score of each group.
+
+        `columns` : whitened columns, orthogonal to the model; each group begins at a `starts`.
+        """
         if not self.fit.memory:
             return np.zeros(len(starts), bool)
         spread = self.fit.noise.spread(columns * self._plain.noise.root)
@@ -149,18 +151,19 @@ class MemoryMask:
 
 
 class MemoryTest:
-    """The test of the groups of the dictionary that have one share, beside one choice.
+    """Likelihood-ratio test of the dictionary groups of one share, with given groups in the model.
 
     Parameters
     ----------
     problem : SelectionProblem
     mask : MemoryMask
-        Which of them such noise can be mistaken for.
+        Groups that correlated noise can imitate.
     share : str
+        Share of the family-wise error.
     normal : ndarray, shape (b, 2n) or (b,)
-        Standard normal noise; or the largest ratios by chance, if they are known.
+        Standard normal deviates; or the simulated largest ratios, if known.
     likelihood : callable
-        Gives the `ChoiceLikelihood`, which is too large to be kept of each choice.
+        Returns the `ChoiceLikelihood`, which is too large to keep for each selection.
     """
 
     def __init__(self, problem, mask, share, normal, likelihood):
@@ -169,7 +172,7 @@ class MemoryTest:
         self._known = {}  # ratios of groups
 
     def p(self, g):
-        """Chance that noise makes any of the groups look as `g` does."""
+        """Family-wise p of group `g`: probability that noise gives any group so large a ratio."""
         scanned, ratio = self._problem.dictionary.effects[g].share == 'scans', self._known.get(g)
         if scanned or ratio is None:
             ratio = self._likelihood().ratios(self._problem.finer(g)).max()
@@ -179,11 +182,11 @@ class MemoryTest:
         share = tail_share(self.by_chance, ratio, self._mask.excess)
         if scanned:
             return share
-        # what goes with the clock is what such noise looks like most: on the safe side
+        # such noise resembles effects that depend on time most: a safety factor
         return min(_SAFE * share, 1.0)
 
     def best(self, without=()):
-        """Of the groups with the largest gains that with the largest ratio, and that; or None."""
+        """Group with the largest ratio of those with the largest gains, or None; and its ratio."""
         likely = self._mask.likely(
             np.setdiff1d(self._problem.dictionary.shares[self._share], without), _LIKELY)
         if not len(likely):
@@ -200,7 +203,7 @@ class MemoryTest:
 
     @cached_property
     def by_chance(self):
-        """Largest ratio of each simulated run, shape (b,)."""
+        """Null distribution: the largest ratio of each simulated run, shape (b,)."""
         if self._normal.ndim == 1:
             return self._normal
         likelihood = self._likelihood()
@@ -210,19 +213,19 @@ class MemoryTest:
 
 
 def tail_share(by_chance, ratio, typical):
-    """Share of simulated runs whose ratio is as large, in their tail by its exponential.
+    """Fraction of simulated runs with so large a ratio; in the tail from a fitted exponential.
 
-    The largest of 99 alone would decide at a p of 0.01, and it hangs on the seed. The tail of a
-    likelihood ratio is exponential, and nearly the same in every run of rows: that of the
-    simulated runs is moderated toward it.
+    At p = 0.01 the largest of 99 runs alone would decide, and it depends on the seed. The tail of
+    a likelihood ratio is exponential with nearly the same mean excess in every run: that of the
+    simulated runs is shrunk toward this typical value.
 
     Parameters
     ----------
     by_chance : ndarray, shape (b,)
-        2 ln of the likelihood ratios.
+        Simulated 2 ln of the likelihood ratios.
     ratio : float
     typical : float
-        Mean excess of the tail over its start, of runs like these.
+        Typical mean excess of the tail over its start.
 
     Returns
     -------

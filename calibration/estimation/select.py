@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Forward choice of groups of columns that a fit lacks, and how each stands.
+"""Forward selection of groups of columns that a fit lacks, then backward elimination.
 
-A candidate is added while the largest standardised score of all candidates is beyond chance
-(family-wise, by sign flips of leverage-corrected residual pairs); of the candidates the one with
-the largest penalised log-likelihood is taken. After each addition every earlier choice is
-offered all candidates again, and what no longer pays is dropped. What the dictionary leaves is
-then offered changes of what was found (an effect that grows through the night), waves of unknown
-period, and curves of each driver: what they are is unknown. What was found must be beyond chance
-with all others in the model, and gain on rows left out. The same rules choose in a whole run and
-in each fold of its cross-validation, but that folds are offered waves and curves only where the
-whole run has found one.
+A candidate is added while the largest standardised score of all candidates is significant
+(family-wise, by sign flips of leverage-corrected residual pairs). The candidate added is the one
+with the largest penalised log-likelihood. After each addition every earlier group is compared
+with all candidates again, and dropped or replaced if it no longer pays. Once the dictionary is
+exhausted the search tries changes of the selected effects (one that grows through the night, say),
+waves of unknown period, and smooth curves of each driver, whose causes are unknown. Each selected
+group must stay significant with all others in the model, and improve the cross-validated RMS.
+The same rules apply to a whole run and to each fold of its cross-validation, but folds try waves
+and curves only where the whole run has found one.
 """
 
 from dataclasses import replace
@@ -40,32 +40,32 @@ from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
 from .significance import beside_memory, beyond_chance
 
-#: an effect may be bought only with rows enough: half as many free values as it has coefficients
+#: residual degrees of freedom that must remain, for each coefficient of a new effect
 ROWS_PER_COLUMN = 1.5
-#: effects that a search adds, at most
+#: most effects that a search adds
 MOST_EFFECTS = 20
-#: searches, each without what the ones before have given up, at most
+#: most searches, each without the groups that cross-validation has rejected before
 ROUNDS = 4
-#: times that the place of what was found is refined, each four times as finely; BIC it must gain
+#: refinements of a place, each on a grid four times finer; BIC that a refinement must gain
 _LEVELS, _WORTH = 3, 0.5
-#: squared cosine, beyond the base, from which a second bump of a scan makes up for the place or the
-#: width of the first: of two that are nearly two widths apart
+#: squared cosine, beyond the base, above which a second bump of a scan would only correct the
+#: place or width of the first: that of two bumps nearly two widths apart
 _TWINS = 0.15
-_SWEEPS = 2  # second looks at all choices: the second sees what the first has changed
+_SWEEPS = 2  # passes over all selected groups: the second sees what the first has changed
 
 
 def choose(problem, alpha, chance, partitions=()):
-    """Search, and let stand what holds.
+    """Search by forward selection, then eliminate what does not hold.
 
-    Each choice must be beyond chance with all others in the model, and gain on rows left out, of
-    every partition: at random, in stretches of time, or whole runs. What does not is given up,
-    and the search goes on without it.
+    Each group must be significant with all others in the model, and improve the cross-validated
+    RMS in every partition (random folds, stretches of time, or whole runs). A group that fails
+    the cross-validation is excluded, and the search is repeated without it.
 
     Parameters
     ----------
     problem : SelectionProblem
     alpha : float
-        Family-wise error of the first choice of a clean run.
+        Family-wise error rate of the first selection, in a run with nothing wrong.
     chance : Chance
     partitions : sequence of list of ndarray of int
         Folds.
@@ -87,16 +87,16 @@ def choose(problem, alpha, chance, partitions=()):
 
 
 def search(problem, alpha, chance, given_up=(), first=()):
-    """Choose groups, and ask nothing of rows left out.
+    """Select groups without cross-validation.
 
     Parameters
     ----------
     problem, alpha, chance
-        As of `choose`.
+        See `choose`.
     given_up : sequence of CandidateGroup
-        Not to be chosen again.
+        Groups not to be selected.
     first : sequence of CandidateGroup
-        To begin with; they stay, whatever they are worth.
+        Groups to start with; they are never dropped.
 
     Returns
     -------
@@ -116,20 +116,20 @@ def search(problem, alpha, chance, given_up=(), first=()):
 
 
 def _offered(bank, chance):
-    """Whether what has no name is offered: to a further search where the first has found some.
+    """Whether waves or curves are tried: in a repeated search only if the first has found some.
 
-    Folds that find a curve which all rows do not would be judged by what the model has not.
+    A fold that selected a curve would otherwise test something that the model does not contain.
     """
     return len(bank) > 0 and (not chance.searched_before or bool(bank.by_chance))
 
 
 def affordable(problem, fit, size):
-    """Whether there are rows enough for `size` columns more."""
+    """Whether there are enough rows for `size` more columns."""
     return 2 * problem.n - len(fit.basis) - size >= ROWS_PER_COLUMN * size + 2
 
 
 def _forward(problem, plain, choice, alpha, chance, given_up):
-    """Add groups of the dictionary while one that pays is beyond chance, and noise with memory."""
+    """Add dictionary groups while one gains BIC and exceeds white and correlated noise."""
     bank, seen = problem.dictionary, {frozenset(choice.chosen)}
     without = [c.group for c in given_up if c.plain]
     blocked, choice.masked = [], [c for c in choice.masked if not c.plain]
@@ -141,7 +141,7 @@ def _forward(problem, plain, choice, alpha, chance, given_up):
             break
         lost = _masked(problem, choice, bank, mask, g, alpha, chance)
         if len(lost):
-            # of all that such noise is mistaken for another may stand out from it
+            # another group that correlated noise can imitate may yet exceed that noise
             other, p = (None, 1.0) if blocked else chance.beyond_memory(
                 problem, choice.chosen, bank, mask, without)
             choice.masked += [CandidateGroup(k) for k in dict.fromkeys((other, g))
@@ -157,7 +157,7 @@ def _forward(problem, plain, choice, alpha, chance, given_up):
         refine(plain, choice)
         second_look(plain, choice, without)
         blocked, choice.masked = [], []
-        # an addition that the second look takes back would go on for ever
+        # an addition that the second look undoes would be repeated for ever
         if frozenset(choice.chosen) in seen:
             choice.chosen = list(dict.fromkeys(choice.chosen))
             choice.fit = plain.fit(choice.chosen)
@@ -171,10 +171,7 @@ def _mask(problem, choice, bank):
 
 
 def _masked(problem, choice, bank, mask, g, alpha, chance):
-    """Groups that noise with memory explains as well as chance: `g` and all weaker, or none.
-
-    Of those that pay: no other is asked for.
-    """
+    """`g` and all weaker groups with a gain, if correlated noise explains `g`; else none."""
     if not mask.covers(g):
         return ()
     scores = bank.score(mask.fit, [g])
@@ -189,7 +186,10 @@ def _masked(problem, choice, bank, mask, g, alpha, chance):
 
 
 def _beyond_chance(problem, fit, alpha, chance, without):
-    """The group with the largest gain that is beyond chance, or the one chance explains least."""
+    """Group with the largest gain if significant, else a significant best-scored one of a share.
+
+    None where none is significant, or where there are too few rows for it.
+    """
     scores = problem.dictionary.score(fit)
     g, gain = best_of(scores, without)
     if gain <= 0.0:
@@ -197,7 +197,7 @@ def _beyond_chance(problem, fit, alpha, chance, without):
     if not beyond_chance(chance, fit, scores, g, alpha):
         pays = np.setdiff1d(np.flatnonzero(scores.delta_bic > 0.0), without)
         z = ChanceTest(fit, scores, g, pays).all
-        # of each share
+        # best score of each share
         others = [int(some[np.argmax(z[some])]) for groups in scores.bank.shares.values()
                   if len(some := np.intersect1d(groups, pays))]
         others = [k for k in others if k != g and beyond_chance(chance, fit, scores, k, alpha)]
@@ -208,9 +208,9 @@ def _beyond_chance(problem, fit, alpha, chance, without):
 
 
 def refine(problem, choice):
-    """Move what was found at one of many places to where it fits best between its neighbours.
+    """Move each selected member of a scan to its best place between the neighbours on the grid.
 
-    What a large effect leaves beside its place would be found as another one.
+    Otherwise the residual of a large effect at a slightly wrong place looks like another effect.
     """
     for i, one in enumerate(choice.chosen):
         if not one.plain or one.effect(problem).share != 'scans':
@@ -228,9 +228,9 @@ def refine(problem, choice):
 
 
 def _twins(problem, choice, one=None, near=None):
-    """Groups, of the dictionary or `near` to `one`, where a chosen bump of the same scan is.
+    """Groups (of the dictionary, or of the bank `near` to `one`) too close to a selected bump.
 
-    Two at one place take up what one of another width does, with heights that cancel.
+    Two bumps of one scan at one place imitate one of another width, with heights that cancel.
     """
     bank, line, out = near or problem.dictionary, problem.dictionary.line, []
     for other in choice.chosen:
@@ -251,7 +251,7 @@ def _twins(problem, choice, one=None, near=None):
 
 
 def second_look(problem, choice, without=()):
-    """Offer every choice all candidates again, with the others in; drop what does not pay."""
+    """Compare each selected group with all candidates, the others fixed; replace or drop it."""
     for _ in range(_SWEEPS):
         changed, i, gains = False, 0, None
         while i < len(choice.chosen) and len(choice.chosen) > 1:
@@ -280,19 +280,19 @@ def second_look(problem, choice, without=()):
 
 
 def _may_go(choice, one):
-    """Whether one of a choice may be dropped or replaced by another of the dictionary."""
+    """Whether a selected group may be dropped or replaced by another of the dictionary."""
     return one.plain and not one.changes(choice.chosen) and one not in choice.held
 
 
 def _in_place(problem, choice):
-    """Gains of the dictionary in the place of each of a choice that may go, at its weights.
+    """Gains of all dictionary groups in place of each replaceable one, at the fit's weights.
 
     Returns
     -------
     dict of CandidateGroup to ndarray of shape (G,)
     """
     fit, key = choice.fit, (_in_place, tuple(choice.chosen), choice.held)
-    if key not in fit.known:  # a search without what was given up begins as the one before
+    if key not in fit.known:  # the next search, without rejected groups, starts the same way
         fit.known[key] = _gains_in_place(problem, choice, fit)
     return fit.known[key]
 
@@ -314,12 +314,12 @@ def _gains_in_place(problem, choice, fit):
 
 
 def _add_change(problem, plain, choice, alpha, chance, given_up):
-    """That an effect which was found grows or fades."""
+    """Try to add a change (growth or decay, say) of a selected effect; whether one was added."""
     if not any(c.plain for c in choice.chosen):
         return False
     bank, groups = plain.changes_of(choice.chosen)
     without = [i for i, c in enumerate(groups) if c in choice.chosen or c in given_up]
-    # of one effect one change
+    # one change for each effect
     without += [i for i, c in enumerate(groups) if any(c.of == k.of for k in choice.chosen)]
     scores, mask = bank.score(choice.fit), _mask(problem, choice, bank)
     while len(without) < len(bank):
@@ -338,7 +338,7 @@ def _add_change(problem, plain, choice, alpha, chance, given_up):
 
 
 def _add_period(problem, plain, choice, alpha, chance, given_up):
-    """A wave of unknown period."""
+    """Try to add a wave of unknown period; whether one was added."""
     bank = problem.periods
     lost = [c.group for c in given_up if c.period]
     while len(lost) < len(bank.scans) + len(given_up):
@@ -349,7 +349,7 @@ def _add_period(problem, plain, choice, alpha, chance, given_up):
             return False
         if len(problem.curves) and best_of(problem.curves.score(choice.fit))[1] > \
                 scores.delta_bic[g]:
-            return False  # a bump has periods, too
+            return False  # a bump has power at many periods, too
         group, rate = bank.shaped(choice.fit, g)
         one = CandidateGroup(group, period=True)
         if one in choice.chosen:
@@ -367,7 +367,7 @@ def _add_period(problem, plain, choice, alpha, chance, given_up):
 
 
 def _add_curve(problem, plain, choice, alpha, chance, given_up):
-    """A curve beside the choice, or in place of the effects of the same driver."""
+    """Try to add a curve, or replace all effects of one driver by it; whether one was added."""
     without = [c.group for c in given_up if c.curve]
     while True:
         options = [*_curve_beside(plain, choice, alpha, chance, without),
@@ -394,7 +394,7 @@ def _curve_beside(problem, choice, alpha, chance, without):
     g, gain = best_of(scores, without)
     if gain <= 0.0:
         return []
-    # of curves, the one that chance explains least: BIC would rather have half of a shape
+    # the most significant curve: BIC prefers one with fewer columns that fits half of the shape
     pays = np.setdiff1d(np.flatnonzero(scores.delta_bic > 0.0), without)
     g = int(np.argmax(ChanceTest(choice.fit, scores, g, pays).all))
     if not beyond_chance(chance, choice.fit, scores, g, alpha) or not affordable(
@@ -404,7 +404,7 @@ def _curve_beside(problem, choice, alpha, chance, without):
 
 
 def _replacements(problem, choice, without):
-    """Curves that beat all dictionary effects of one driver together by more than the set width."""
+    """Curves that beat all dictionary effects of one driver together by more than `SET_WIDTH`."""
     out = []
     drivers = [c.effect(problem).driver for c in choice.chosen]
     free = [_may_go(choice, c) for c in choice.chosen]

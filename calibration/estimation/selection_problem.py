@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a choice is made from, the rows and the candidates, and what it comes to."""
+"""Input of the model selection (rows, base columns, candidates) and its result."""
 
 from collections import ChainMap
 from dataclasses import dataclass, field, replace
@@ -26,38 +26,37 @@ from .linear_model import memory_of, weighted_fit, with_memory
 from .memory_likelihood import MemorySearch, likely_memories
 from .periodogram import PeriodBank
 
-#: fits that are kept, at least, and numbers in their residuals: searches come back to those before
+#: cache of fits, for searches return to earlier ones: fewest fits kept, residual values kept
 _KEPT, _KEPT_NUMBERS = 64, 200_000
 
 
 @dataclass
 class SelectionProblem:
-    """Offsets, the columns that are fitted to them anyway, and the candidates.
+    """Offsets, the base columns that are always fitted, and the candidates.
 
     Attributes
     ----------
     base : GroupColumns
-        Of everything that is fitted anyway.
+        Columns that are always fitted.
     b : ndarray, shape (2n,)
         Offsets, radians.
     inverse_sigma : ndarray, shape (2n,), or None
     dictionary, curves : CandidateBank
     sequence : Sequence, optional
-        Rows may resemble their neighbours in it; without it their noise has no memory.
+        Order of the rows, for noise correlated along it; without it the noise is white.
     variants : object, optional
-        Of effects of the dictionary: ``changes(effect)``, offered once it is chosen, a
-        CandidateBank; ``finer(effect, scan, level)``, members between those of its scan that are
-        tried next to it, a CandidateBank or None; ``columns(effect)`` of any other, (d, 2n);
-        ``rows(rows)``, the same of some rows.
+        Variants of the dictionary's effects: ``changes(effect)``, a CandidateBank offered once
+        the effect is selected; ``finer(effect, scan, level)``, a CandidateBank of members of its
+        scan on a finer grid, or None; ``columns(effect)`` of any other effect, (d, 2n);
+        ``rows(rows)``, the same for some rows.
     trusted : ndarray of int, shape (n,), optional
-        1: rows that a search takes for no accidents, however far they are off; -1: that it leaves
-        out.
+        1: rows that keep full weight, however large their residual; -1: excluded rows.
     first : tuple of CandidateGroup
-        That a search begins with: what these rows are trusted for.
+        Where a search starts: the groups that explain the trusted rows.
     periods : PeriodBank
         Waves of unknown period.
     by_rows : bool
-        Whether rows are left out of each of many runs, where otherwise whole runs are.
+        Whether folds hold rows of many runs; otherwise, with enough runs, whole runs.
     """
 
     base: GroupColumns
@@ -76,23 +75,23 @@ class SelectionProblem:
 
     @property
     def scale_unit(self):
-        """What scales of the noise are in, shape (2,): RMS of the given sigmas of x and y, or 1."""
+        """Unit of the noise scales, shape (2,): RMS of the given sigmas of x and y, or 1."""
         if self.inverse_sigma is None:
             return np.ones(2)
         return np.sqrt(np.mean(1.0 / np.square(self.inverse_sigma.reshape(2, -1)), axis=1))
 
     @property
     def plain(self):
-        """The same, with noise that has no memory."""
+        """The same problem with white noise."""
         return replace(self, sequence=None)
 
     @property
     def n(self):
-        """Rows."""
+        """Number of rows."""
         return len(self.b) // 2
 
     def rows(self, rows):
-        """The problem of some rows (indices); the memory of noise is known from all of them."""
+        """The problem of some rows (indices), with the noise memory estimated from all rows."""
         both = np.concatenate((rows, rows + self.n))
         return SelectionProblem(self.base.rows(both), self.b[both],
                                 None if self.inverse_sigma is None else self.inverse_sigma[both],
@@ -103,9 +102,9 @@ class SelectionProblem:
                                 self.periods.rows(rows), self.by_rows, ChainMap({}, self._memories))
 
     def part(self, rows):
-        """The problem of some rows, to be searched anew: no place is known from all of them.
+        """The problem of some rows for a new search: places and periods are not those of all rows.
 
-        Curves are there if all rows have one.
+        Curves are offered only if all rows together have found one.
         """
         curves = self.curves if self.curves.by_chance else CandidateBank.empty(self.n)
         out = replace(self, curves=curves).rows(rows)
@@ -113,26 +112,26 @@ class SelectionProblem:
                        periods=out.periods.as_offered())
 
     def other_rows(self, rows, part, chosen):
-        """The base, and what a part of the rows has chosen, for some other rows.
+        """The base, and what was selected on a part of the rows, for some other rows.
 
         Parameters
         ----------
         rows : ndarray of int
         part : SelectionProblem
         chosen : list of CandidateGroup
-            Of the part, at the places and periods that it has found.
+            Selected on the part, at the places and periods found there.
 
         Returns
         -------
         SelectionProblem
-            With all columns in the base, and nothing to choose from.
+            With all columns in the base and no candidates.
         """
         periods = self.periods.tuned_as(part.periods.rate) if len(self.periods) else self.periods
         return replace(self, periods=periods).only(
             chosen, [self._columns_as_in(part, c, periods) for c in chosen]).rows(rows)
 
     def _columns_as_in(self, part, one, periods):
-        """Columns of one that a part has chosen, for all rows."""
+        """Columns, for all rows, of a group selected on a part."""
         if one.period:
             return periods.of(one.group)
         effect, own = one.effect(part), one.bank(self)
@@ -141,25 +140,25 @@ class SelectionProblem:
         return self.variants.columns(effect)
 
     def trusting(self, trusted, first):
-        """The same, trusting some rows (as `trusted`), with some `CandidateGroup` to begin with."""
+        """The same problem with other values of `trusted` and `first`."""
         return replace(self, trusted=trusted, first=tuple(first), _memories={}, _fits={})
 
     def replace(self, group, effect, columns):
-        """Put another effect in the place of a group of the dictionary."""
+        """Replace a group of the dictionary by another effect."""
         self.dictionary.replace(group, effect, columns)
-        self._memories.clear()  # they were estimated with the other one
+        self._memories.clear()  # estimated with the old effect
         self._fits.clear()
 
     def tune(self, group, rate):
-        """Let a wave of unknown period have another rate."""
+        """Set the rate of a wave of unknown period."""
         self.periods.tune(group, rate)
         self._memories.clear()
         self._fits.clear()
 
     def only(self, chosen, columns=None):
-        """The same with the columns of a choice in the base, and nothing to choose from.
+        """The same with the columns of the selected groups in the base, and no candidates.
 
-        `columns`: of each, shape (d, 2n), if they are not those of the banks.
+        `columns` : of each group, shape (d, 2n), if not those of the banks.
         """
         known, none = self._memories.get(frozenset(chosen)), CandidateBank.empty(self.n)
         design = self.design(chosen) if columns is None else self.base.beside(*columns)
@@ -168,18 +167,19 @@ class SelectionProblem:
                                 _memories={} if known is None else {frozenset(): known})
 
     def fit(self, chosen, weights=None, without=None, final=False, memory=None):
-        """Fit of the base and the chosen groups.
+        """Fit of the base and the selected groups.
 
         Parameters
         ----------
         chosen : list of CandidateGroup
         weights : ndarray, shape (n,), optional
-            Of a fit of nearly the same.
+            Starting weights, from a similar fit.
         without : int, optional
-            Of `chosen`, to be left out.
+            Index in `chosen` of a group to omit.
         final : bool
+            See `linear_model.weighted_fit`.
         memory : tuple of AxisNoise, optional
-            Known; else it is estimated from what this fit leaves.
+            Noise of x and y; by default it is estimated from the residuals of this fit.
 
         Returns
         -------
@@ -198,9 +198,9 @@ class SelectionProblem:
         return self.with_memory(fit, chosen, without, memory)
 
     def with_memory(self, fit, chosen, without=None, memory=None, beside=None):
-        """A fit without memory, with the memory that its noise has; parameters as of `fit`.
+        """The white-noise `fit`, refitted with correlated noise; for the parameters see `fit`.
 
-        `beside` is the fit of all of `chosen`, at whose weights that memory may be sought.
+        `beside` : fit of all of `chosen`; with it the noise is estimated at the weights of that.
         """
         if self.sequence is None:
             return fit
@@ -219,7 +219,7 @@ class SelectionProblem:
         return fit.known[memory]
 
     def _memory_without(self, chosen, without, beside):
-        """`noise_memory` without one of a choice, of which a fit with all is there."""
+        """`noise_memory` without one selected group, given the fit `beside` with all of them."""
         if MemorySearch not in beside.known:
             beside.known[MemorySearch] = MemorySearch(
                 self.sequence, beside.noise.root, beside.scale, self.design(chosen), self.b)
@@ -228,31 +228,31 @@ class SelectionProblem:
         return beside.known[MemorySearch].noise(np.arange(start, start + sizes[without + 1]))
 
     def likely_memories(self, chosen):
-        """`memory_likelihood.likely_memories` with a choice in the model."""
+        """`memory_likelihood.likely_memories` with the selected groups in the model."""
         design, fit = self.design(chosen), self.plain.fit(chosen)
         return likely_memories(self.sequence, fit.noise.root,
                                self.fit(chosen).memory or (AxisNoise(), AxisNoise()), fit.scale,
                                design, self.b)
 
     def design(self, chosen, without=None):
-        """Columns of the base and the chosen groups."""
+        """Columns of the base and the selected groups, but for `chosen[without]`."""
         return self.base.beside(
             *(c.columns(self) for i, c in enumerate(chosen) if i != without))
 
     def changes(self, group):
-        """`CandidateBank` of the changes of a group of the dictionary."""
+        """`CandidateBank` of the changes (with time, say) of a group of the dictionary."""
         return self.variants.changes(self.dictionary.effects[group])
 
     def changes_of(self, chosen):
-        """`CandidateBank` of the changes of all of a choice, the `CandidateGroup` that each is."""
+        """`CandidateBank` of the changes of all selected groups, and their `CandidateGroup`s."""
         banks = {c.group: self.changes(c.group) for c in chosen if c.plain}
         groups = [CandidateGroup(k, of=g) for g, bank in banks.items() for k in range(len(bank))]
         return CandidateBank.joined(banks.values()), groups
 
     def finer(self, group, level=0):
-        """A group of the dictionary; of a scan those about it, of which few are tried.
+        """Bank of a group of the dictionary; for a member of a scan, of a finer grid about it.
 
-        At each `level` four times as near to it.
+        Each `level` makes the grid four times narrower.
         """
         bank = self.dictionary
         finer = None if self.variants is None else self.variants.finer(
@@ -263,28 +263,29 @@ class SelectionProblem:
 
 @dataclass
 class ModelChoice:
-    """What was chosen, and how it stands.
+    """The selected groups and their tests.
 
     Attributes
     ----------
     chosen : list of CandidateGroup
+        The selected groups.
     fit : WeightedFit
-        Of the base and the choice, if rows have no memory.
+        Fit of the base and the selected groups with white noise.
     dropped, dropped_by_cv, not_repeated : list of CandidateGroup
-        Chosen once, and given up: it did not pay any more, or not on rows left out, or the search
-        without some runs chose so differently that those were predicted worse.
+        Selected, then removed: no longer significant; no cross-validated improvement; or
+        searches without some runs selected so differently that those runs were predicted worse.
     masked : list of CandidateGroup
-        Beyond chance if rows had no memory, but not beyond noise that has one.
+        Significant against white noise, but not against correlated noise.
     held : frozenset of CandidateGroup
-        That a search may neither drop nor replace.
+        Groups that a search may neither drop nor replace.
     against_memory : set of CandidateGroup
-        Chosen because they stand out from noise with memory: without one others gain more.
+        Selected because they exceed correlated noise; against white noise others gain more.
     significances : list of Significance
-        Of each that was chosen.
+        One for each selected group.
     gains : list of float
-        What each takes off the RMS of rows left out, arcsec: the least of all partitions.
+        Cross-validated improvement (RMS removed) by each, arcsec; the least of all partitions.
     replaced : tuple of CandidateGroup
-        Of an alternative whose model was better: the effect that was found, and the alternative.
+        The effect first found and the alternative with the better model that replaced it.
     """
 
     chosen: list
@@ -300,6 +301,6 @@ class ModelChoice:
     replaced: tuple = ()
 
     def without(self, i):
-        """The choice but for one, and but for the changes of that one."""
+        """The selected groups but for the i-th and its changes."""
         one = self.chosen[i]
         return [c for c in self.chosen if c != one and not (one.plain and c.of == one.group)]

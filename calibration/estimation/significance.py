@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How each of a choice stands with all others in the model."""
+"""Significance of each selected group with all others in the model."""
 
 from dataclasses import dataclass, field
 
@@ -24,17 +24,17 @@ from .memory_test import MemoryMask
 
 
 def beyond_chance(chance, fit, scores, g, alpha):
-    """Whether a group is beyond chance, in its share of the false alarms."""
-    # of few flips none may reach it
+    """Whether a group is significant at its share of the family-wise error `alpha`."""
+    # p cannot be smaller than the number of flips allows
     alpha = max(alpha * SHARES[scores.bank.effects[g].share], chance.least)
     return chance.p(fit, scores, g, alpha) <= alpha
 
 
 def beside_memory(problem, chosen, i, plain):
-    """The fit without a wave, if noise that remembers may be mistaken for it; else None.
+    """The correlated-noise fit without a wave, if such noise can imitate the wave; else None.
 
-    The memory is that which the noise seems to have without the wave: of noise alone the best of
-    hundreds of slow waves takes so much that what is left remembers too little.
+    The noise is estimated without the wave: if there is only noise, the best of hundreds of slow
+    waves absorbs so much of it that the rest seems too little correlated.
     """
     others = chosen[:i] + chosen[i + 1:]
     if problem.sequence is None:
@@ -45,24 +45,24 @@ def beside_memory(problem, chosen, i, plain):
 
 @dataclass
 class Significance:
-    """How one chosen group stands with all others in the model.
+    """Test result of one selected group with all others in the model.
 
     Attributes
     ----------
     p : float
-        Family-wise, that chance gives any candidate a score like this.
+        Family-wise p: probability that noise gives any candidate so large a score.
     delta_bic : float
-        Gain of the group.
+        Gain of the group in BIC.
     equals, same : list of int
     every : ndarray, shape (G,)
-        What could stand in its place: see `equal_causes.equal_causes`.
+        Alternatives to the group, see `equal_causes.equal_causes`.
     others : dict of int to list of CandidateGroup
-        Of equals that are as good only with other groups beside them (`alternatives`): these.
+        For equals that are as good only with other groups added (`alternatives`): these groups.
     larger : dict of int to tuple of (int, float)
-        Of equals whose model has more groups: so many more, and by how much (BIC) it is better all
-        the same, or 0.
+        For equals whose model has more groups: how many more, and by how much BIC it is better
+        nevertheless, or 0.
     behind : dict of int to float
-        Of alternatives that were tried with groups of their own: how far behind (BIC) they are.
+        For alternatives searched with groups of their own: how much worse (BIC) they are.
     """
 
     p: float
@@ -76,29 +76,29 @@ class Significance:
 
 
 def significances(problem, choice, alpha, chance):
-    """`Significance` of each of a choice; parameters as of `significance`."""
+    """`Significance` of each selected group; for the parameters see `significance`."""
     return [significance(problem, choice, i, chance, alpha)
             for i in range(len(choice.chosen))]
 
 
 def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
-    """Test one of a choice with the others in the model, and find what could stand in its place.
+    """Test one selected group with the others in the model, and find its alternatives.
 
-    What noise with memory can be mistaken for is tested against such noise.
+    A group that correlated noise can imitate is tested against such noise.
 
     Parameters
     ----------
     problem : SelectionProblem
     choice : ModelChoice
     i : int
-        Of `choice.chosen`.
+        Index in `choice.chosen`.
     chance : Chance
     alpha : float
-        A p that is certain to be above need not be known.
+        A p certainly above it need not be exact.
     alone : bool
-        Whether it is not asked what could stand in its place.
+        Skip the alternatives.
     below : float
-        A p that is certain to be no larger need not be known.
+        A p certainly not above it need not be exact.
 
     Returns
     -------
@@ -119,13 +119,13 @@ def significance(problem, choice, i, chance, alpha, alone=False, below=0.0):
     if masked and p > max(alpha, below) and scores.dof[g]:
         others = [c for j, c in enumerate(chosen) if j != i]
         p = min(p, chance.p_beyond_memory(problem, others, bank, mask, g))
-        # what memory is left is known with the group in the model
+        # the noise estimated with the group in the model
         scores = bank.score(problem.fit(chosen, weights, without=i,
                                         memory=problem.fit(chosen).memory), groups)
     every, equals, same = scores.delta_bic, [], []
     if not (chosen[i].curve or alone):
         every, equals, same = equal_causes(problem, choice, i, scores)
-    if chosen[i].period:  # of each scan the best: they are thousands
+    if chosen[i].period:  # only the best of each scan: there are thousands of waves
         best = [*problem.periods.best_of_scans(scores, g), g]
         every = np.full(len(every), -np.inf)
         every[best] = scores.delta_bic[best]

@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Did something move, and when: robust regression, a scan over candidates, Gaussian evidence.
+"""Detection of a step and its time: robust regression, a scan of candidates, Gaussian evidence.
 
-The candidates are columns beside a design, such as a step at each moment. Rows may resemble their
-neighbours (`neighbour_noise`, estimated beside the best candidate, for a step is
-correlation too). `step_place` does not ask whether a step is there, only where.
+The candidates are columns added to a design one at a time, such as a step at each moment. Rows
+may be correlated with their neighbours (`neighbour_noise`, estimated with the best candidate in
+the model, for a step looks like correlation too). `step_place` only locates a step; it does not
+test for one.
 """
 
 from typing import NamedTuple
@@ -32,15 +33,15 @@ from .least_squares import System
 from .memory_likelihood import AxisLikelihood
 from .robust import bisquare, huber
 
-#: robust sigmas to which outliers are brought. Tried on nights of 40 rows with two spikes of 20
-#: sigma: no step by chance up to 4, 0.7 % at 6, 1.3 % unclipped; clean nights and the power to see
-#: a step of 1.7 sigma (67 %) are the same from 2 on
+#: robust sigmas at which outliers are clipped. Tried on nights of 40 rows with two spikes of 20
+#: sigma: no false step up to 4, 0.7 % at 6, 1.3 % unclipped; false steps on clean nights and the
+#: power to detect a step of 1.7 sigma (67 %) are the same from 2 on
 _CLIP = 3.0
-_STILL = 1e-6  # of the noise, change of the residuals that ends it
-_RCOND = 1e-7  # relative singular value of columns that depend on others but for rounding
-#: weights by which the place of a step is sought, one after the other
+_STILL = 1e-6  # change of the residuals, in units of the noise, at which the iteration stops
+_RCOND = 1e-7  # relative singular value below which columns are linearly dependent
+#: weight functions of the successive iterations that locate a step
 _WEIGHTS = (huber,) * 6 + (bisquare,) * 4
-#: part of a step that the design must leave; weight of a value at least
+#: least part of a step that must remain beyond the design; least weight of a value
 _APART, _LEAST = 1e-6, 1e-8
 
 
@@ -50,11 +51,11 @@ class LocalColumns:
     Parameters
     ----------
     n : int
-        Rows in all.
+        Number of all rows.
     blocks : list of (ndarray of int, ndarray)
-        Rows (r,) that no other row of their group is missing from, and columns there (r, m).
+        Rows (r,), all rows of their group, and the columns there (r, m).
     labels : list
-        What each column is, m of each block.
+        Label of each column, m for each block.
     """
 
     def __init__(self, n, blocks, labels):
@@ -65,7 +66,7 @@ class LocalColumns:
         return len(self.labels)
 
     def column(self, place):
-        """One of them, shape (n,)."""
+        """One column, shape (n,)."""
         block = int(np.searchsorted(self._first, place, 'right')) - 1
         rows, columns = self.blocks[block]
         out = np.zeros(self._n)
@@ -73,14 +74,14 @@ class LocalColumns:
         return out
 
     def on_axis(self, axis, cos_el):
-        """What columns of coordinate angles make on the sky: rows of x, then of y."""
+        """Columns of encoder angles as on the sky: rows of x, then of y."""
         n = self._n
         blocks = [(rows, columns * cos_el[rows, None]) if axis == 0 else (rows + n, columns)
                   for rows, columns in self.blocks]
         return LocalColumns(2 * n, blocks, self.labels)
 
     def whitened(self, noise):
-        """As `GroupColumns.whitened`."""
+        """See `GroupColumns.whitened`."""
         return LocalColumns(self._n, [(rows, noise.values(rows).whiten(columns.T).T)
                                       for rows, columns in self.blocks], self.labels)
 
@@ -93,15 +94,15 @@ class LocalColumns:
 
 
 def shares(basis, candidates, rest):
-    """Of each of `LocalColumns`: its square, that of what is left, this times `rest`, (m,).
+    """Squared length of each candidate, that after projection, and its product with `rest`, (m,).
 
     Parameters
     ----------
     basis : Basis
-        What it takes of a candidate is gone.
+        Basis that is projected out of the candidates.
     candidates : LocalColumns
     rest : ndarray, shape (n,)
-        What is left of something.
+        Residuals.
     """
     out = []
     for rows, columns in candidates.blocks:
@@ -119,18 +120,18 @@ def robust_fit(design, y):
     Parameters
     ----------
     design : ndarray, shape (n, k), or GroupColumns
-        Of the latter coefficients and covariance are those of its other columns.
+        Of a GroupColumns only the coefficients of the common columns are returned.
     y : ndarray, shape (n,)
 
     Returns
     -------
     Estimate
-        The shortest solution where columns depend on each other.
+        The minimum-norm solution where columns are linearly dependent.
 
     Raises
     ------
     ValueError
-        No more rows than columns.
+        No more rows than independent columns.
     """
     groups = isinstance(design, GroupColumns)
     k = len(design.common) if groups else design.shape[1]
@@ -141,7 +142,7 @@ def robust_fit(design, y):
         raise ValueError(f'{len(y)} rows do not determine {len(system.design)} numbers; '
                          'observe more')
     solution, weights = system.solve_huber(rank, _STILL)
-    # Huber (1981), eq. 7.6.6: the mean square of the clipped residuals over the part not clipped
+    # Huber (1981), eq. 7.6.6: mean square of the clipped residuals over (unclipped fraction)^2
     variance = np.sum((weights * solution.residual) ** 2) / dof / np.mean(weights == 1.0) ** 2
     return Estimate(solution.p[:k], variance * plain.inverse[:k, :k], np.full(k, dof),
                     (float(system.median_noise(solution.residual, rank)[0]),),
@@ -149,16 +150,16 @@ def robust_fit(design, y):
 
 
 def clipped(design, y):
-    """`y` with outliers of the robust fit brought to three sigmas, so that none alone is a step."""
+    """`y` with residuals of the robust fit clipped at 3 sigma: no single outlier is then a step."""
     fit = robust_fit(design, y)
     limit = _CLIP * max(float(sigma_of(fit.residual)), 1e-300)
     return y - fit.residual + np.clip(fit.residual, -limit, limit)
 
 
 def probabilities_by_chance(design, y, candidates, least):
-    """Two-sided probability of each candidate's amount, each alone beside the design, (m,).
+    """Two-sided p of each candidate, each added alone to the design, (m,).
 
-    By Student's t; 1 where the rows do not determine it.
+    By Student's t; 1 where the rows do not determine its amount.
     """
     basis = design.basis()
     rest = basis.off(y)
@@ -171,21 +172,21 @@ def probabilities_by_chance(design, y, candidates, least):
 
 
 def noise_beside(design, y, run):
-    """`neighbour_noise` beside a design, with outliers brought near; white of too few rows."""
+    """`neighbour_noise` beside a design, with outliers clipped; white with too few rows."""
     return neighbour_noise(design, clipped(design, y) if len(y) > len(design) + 2 else y, run)
 
 
 class Detection(NamedTuple):
-    """The candidate that chance explains least.
+    """The most significant candidate.
 
     Attributes
     ----------
     place : int
-        Of its column.
+        Index of its column.
     amount, sigma : float
-        As robustly fitted.
+        Robust estimate and its standard error.
     probability : float
-        Of as much by chance, in any of the candidates.
+        Family-wise p over all candidates (Bonferroni).
     """
 
     place: int
@@ -195,7 +196,7 @@ class Detection(NamedTuple):
 
 
 def detect(design, y, candidates, limit, run, least):
-    """Add each candidate column alone to a fit of rows that may resemble their neighbours.
+    """Test each candidate column alone, allowing for correlation of neighbouring rows.
 
     Parameters
     ----------
@@ -203,21 +204,21 @@ def detect(design, y, candidates, limit, run, least):
     y : ndarray, shape (axes * n,)
     candidates : LocalColumns
     limit : float
-        Chance, of so many candidates, from which on nothing has moved.
+        Family-wise significance level.
     run : ndarray, shape (n,)
-        As of `neighbour_noise`.
+        See `neighbour_noise`.
     least : float
-        Noise of a row, at least: the resolution, where rounding is all the noise there is.
+        Least noise of a row: the resolution, where rounding is the only noise.
 
     Returns
     -------
     Detection or None
-        None where nothing has moved.
+        None where no candidate is significant.
     """
     tame = clipped(design, y)
     p = probabilities_by_chance(design, tame, candidates, least) * len(candidates)
     if p.min() >= limit:
-        return None  # correlation only makes chance likelier
+        return None  # correlation only makes p larger
     noise = noise_beside(design.beside(candidates.column(int(np.argmin(p)))), y, run)
     design, candidates = design.whitened(noise), candidates.whitened(noise)
     p = probabilities_by_chance(design, noise.whiten(tame), candidates, least) * len(candidates)
@@ -230,16 +231,16 @@ def detect(design, y, candidates, limit, run, least):
 
 
 class StepPlace(NamedTuple):
-    """Where two axes step.
+    """A step of both axes.
 
     Attributes
     ----------
     before, after : int
-        Rows that are neighbours in time.
+        Last row before the step and first row after it.
     later : ndarray, shape (n,)
-        1 in rows after it, else 0.
+        1 in rows after the step, else 0.
     amounts : ndarray, shape (2,)
-        Of each axis, later less earlier.
+        Size of the step on each axis, later minus earlier.
     """
 
     before: int
@@ -249,22 +250,22 @@ class StepPlace(NamedTuple):
 
 
 def step_place(design, unit, value, position, near):
-    """The place of a step of both axes at which the likelihood of all rows is largest.
+    """Maximum-likelihood place of a step of both axes, with robust weights.
 
-    A value counts less the farther it is off, with the step before it or after it, whichever suits
-    it: one on the wrong side of a place that is tried is no outlier.
+    The weight of a row near the step comes from the smaller of its residuals with the step before
+    it and after it, so that a row on the wrong side of a trial place is no outlier.
 
     Parameters
     ----------
     design : ndarray, shape (k, 2, n)
-        All that is fitted beside it.
+        The other fitted columns.
     unit : ndarray, shape (2, n)
-        What a step of 1 makes in each row after it.
+        Effect of a step of 1 in each row after it.
     value : ndarray, shape (2, n)
     position : ndarray, shape (n,)
         Time, or place in the order.
     near : ndarray of bool, shape (n,)
-        Rows between which it is sought, of two positions at least.
+        Rows between which the step is sought, with at least two different positions.
 
     Returns
     -------
@@ -284,7 +285,7 @@ def step_place(design, unit, value, position, near):
         best, amounts = _best_place(basis, step, rest, tried)
         later = rows >= best
         left = (rest - _off(basis, amounts[:, None] * step * later)) / root
-        # with the step on the other side of each
+        # residual with the step on the other side of the row
         other = left + amounts[:, None] * unit * np.where(later, 1.0, -1.0)
         scale = np.maximum(sigma_of(left, axis=1), least)[:, None]
         off, beyond = np.abs(left) / scale, np.abs(other) / scale
@@ -294,12 +295,12 @@ def step_place(design, unit, value, position, near):
 
 
 def _off(basis, values):
-    """Values, shape (2, n), without what orthonormal rows, (r, 2, n), span."""
+    """Values, shape (2, n), with orthonormal rows, (r, 2, n), projected out."""
     return values - np.tensordot(np.tensordot(basis, values, 2), basis, 1)
 
 
 def _best_place(basis, step, rest, tried):
-    """Of the places that are tried the one that explains most of the rest, and its amounts."""
+    """The trial place whose step explains most of the residuals `rest`, and its amounts."""
     def later(values):
         return np.cumsum(values[..., ::-1], axis=-1)[..., ::-1][..., tried]
     along, shared, square = later(step * rest), later(step * basis), later(step**2)
@@ -321,9 +322,9 @@ def two_sided(t, dof):
 
 
 def student_factor(dof):
-    """What widens one sigma that is itself estimated, with `dof` degrees of freedom.
+    """Factor for a 1-sigma interval whose sigma is estimated with `dof` degrees of freedom.
 
-    The 84.13 % point of Student's t: 1.84 of one degree, 1 of many.
+    The 84.13 % point of Student's t: 1.84 for one degree of freedom, 1 for many.
     """
     from scipy.special import ndtr, stdtrit
     return stdtrit(dof, ndtr(1.0))
@@ -358,46 +359,46 @@ def log_normal(value, variance):
 
 
 def probabilities(logs):
-    """Posterior probabilities of hypotheses that are equally likely before, by name."""
+    """Posterior probabilities of hypotheses with equal priors, by name, from log evidences."""
     names = list(logs)
     values = np.array([logs[name] for name in names])
     weights = np.exp(values - values.max())
     return dict(zip(names, (weights / weights.sum()).tolist()))
 
 
-#: correlations with the row before that `neighbour_noise` tries
+#: lag-1 correlations that `neighbour_noise` tries
 _CORRELATIONS = np.arange(0.05, 0.96, 0.05)
-#: 2 ln of the likelihood ratio from which rows are correlated (5 %, one-sided), and within which a
-#: correlation is one of the 90 % that are likeliest
+#: 2 ln of the likelihood ratio above which rows are correlated (5 %, one-sided); also the drop that
+#: bounds the 90 % confidence interval of the correlation
 _CLAIMED = 2.71
-#: a memory that ends with no run, in its length; variances that a random walk adds in a row that
-#: are tried, over that of the white noise
+#: correlation time of a random walk, in lengths of the run; variances that the walk adds for each
+#: row that are tried, over that of the white noise
 _ENDLESS, _WALKS = 1e4, np.geomspace(1e-4, 1e3, 57)
-#: 1 sigma of the white noise beside a process that is to be all the noise
+#: sigma of a negligible white part, where the process is all the noise
 _NO_WHITE = 1e-5
 
 
 def neighbour_noise(design, y, run, most=1.0):
-    """Noise of which each row has a part of the row before, whatever the time between them: AR(1).
+    """First-order autoregressive noise, AR(1), in the order of the rows whatever the time between.
 
-    Its correlation is, of those that are likely, the largest: what it is estimated beside was
-    chosen because it takes some of it away. What cannot be told from white noise counts as white.
+    The correlation is the upper end of its 90 % confidence interval, for the candidate in the
+    design was selected because it absorbs some of it. If not significant, the noise is white.
 
     Parameters
     ----------
     design : GroupColumns
-        All that is fitted. The rows of a run are of one group.
+        All fitted columns. Rows of one run must be of one group.
     y : ndarray, shape (axes * n,)
-        Without outliers.
+        Values without outliers.
     run : ndarray, shape (n,)
-        Of rows in order: the first row of one has no row before it.
+        Run of each row, the rows in order. Rows of different runs are uncorrelated.
     most : float
-        Correlation at most.
+        Largest correlation allowed.
 
     Returns
     -------
     CorrelatedNoise
-        Of variance 1; of each axis by itself.
+        Of variance 1, estimated for each axis by itself.
     """
     n, axes = len(run), max(len(y) // max(len(run), 1), 1)
     sequence = Sequence(np.arange(float(n)), run, np.ones(n))
@@ -415,19 +416,19 @@ def neighbour_noise(design, y, run, most=1.0):
 
 
 def random_walk(design, y, position, run):
-    """White noise and a random walk along the position, by restricted likelihood.
+    """White noise plus a random walk along the position, by restricted likelihood.
 
     Parameters
     ----------
     design, y, run
-        As of `neighbour_noise`, of one axis.
+        See `neighbour_noise`; one axis.
     position : ndarray, shape (n,)
-        Rising; of the unit that a row takes usually.
+        Ascending, in units of the usual gap between rows.
 
     Returns
     -------
     CorrelatedNoise
-        Of no variance where white noise is as likely.
+        White where a random walk does not raise the likelihood.
     """
     n = len(y)
     sequence = Sequence(position, run, np.ones(n))
