@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Alternatives to what was found: whole models, and what the choice left open.
+"""Alternatives to the effects found: comparison of whole models, and causes left open.
 
-What else is in the model was chosen with a found effect in, and makes up for what that one does
-wrong. An alternative that takes up nearly the same loses with these, though with others beside it
-it may explain the run as well, or better. So the search is done once more, from the alternative on
-and without the effect, and whole models are compared. One that is within `SET_WIDTH` is one of the
-causes of the effect. Another one may explain the rows as well alone, and lose only beside the other
-effects: that is reported, and where it is often chosen instead with a part of the rows left out,
-the cause is open.
+The other effects of a model were selected with the found effect in it, and compensate its errors.
+A similar alternative therefore loses in that model, but may explain the run as well or better in a
+model of its own. So the search is repeated, starting from the alternative and without the found
+effect, and the whole models are compared. An alternative within `SET_WIDTH` is one of the possible
+causes of the effect. Another may explain the rows as well when alone, and lose only in the presence
+of the other effects: it is reported, and if it is often selected instead in the cross-validation
+folds, the cause is open.
 """
 
 from collections import Counter
@@ -38,35 +38,37 @@ from calibration.estimation.significance import significances
 
 from .effect_causes import cause_entry
 
-#: part of the signal of a found effect that an alternative must take up alone to be tried with
-#: effects of its own (correlation 0.9): what it leaves to them is most of an effect of its own
+#: share of the signal of a found effect that an alternative must explain alone (correlation 0.9)
+#: to get a model of its own
 NEAR = 0.8
-#: part of the largest gain of a run below which the alternatives of an effect are not tried so
+#: alternatives of an effect with less than this share of the largest BIC gain get no such model
 LARGE = 0.1
-#: alternatives that are tried so in one run, at most: each is a search of its own
+#: largest number of such models in one run: each needs a full search
 MOST_TRIED = 4
-#: of the folds, from where what is chosen in place of an effect, and as good alone, leaves its
-#: cause open
+#: share of the folds in which an equally good candidate is selected instead, from which the cause
+#: of an effect is open
 OFTEN = 0.1
-#: BIC behind from where rows left out are not asked: what they take back beside an alternative was
-#: worth little, and may have cost more than that
+#: BIC behind from which an alternative model is not cross-validated: the effects that this would
+#: drop are worth little
 _FAR = 4.0 * SET_WIDTH
-#: rows of a run that is asked alone, at least
+#: fewest rows of a run that is tested alone
 _ALONE = 12
-#: of the signal of an effect, that what stands in its place must take up alone
+#: share of the signal of an effect that a contender must explain alone
 _MOST = 0.5
 
 
 @dataclass
 class AlternativeModel:
-    """An effect of the dictionary in the place of a found one, with others of its own beside it.
+    """Model with an effect of the dictionary in place of a found one, other effects re-selected.
 
     Attributes
     ----------
     one : CandidateGroup
+        The alternative effect.
     choice : ModelChoice
+        Its model.
     behind : float
-        BIC of its model less that of the found one's.
+        BIC of this model minus BIC of the model found.
     """
 
     one: CandidateGroup
@@ -75,15 +77,15 @@ class AlternativeModel:
 
 
 def repeated_choice(choice):
-    """What repeats a choice with a part of the rows left out, called as `choose`.
+    """Return a function, called as `choose`, that repeats a selection in a cross-validation fold.
 
-    Alternatives are searched once: of a part only the one that took the place of a found effect is
-    compared with that effect, each with all others chosen anew.
+    Alternatives are searched on all rows only. In a fold, only the alternative that replaced a
+    found effect is compared with that effect, each with all other effects re-selected.
 
     Parameters
     ----------
     choice : ModelChoice
-        Of all rows.
+        Selection on all rows.
     """
     if not choice.replaced:
         return choose
@@ -101,18 +103,18 @@ def repeated_choice(choice):
 
 
 def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacing=True):
-    """Try near alternatives of what was found in models of their own; the best model wins.
+    """Compare the model found with models of similar alternatives; the best model wins.
 
     Parameters
     ----------
     problem : SelectionProblem
     choice : ModelChoice
-        Its significances are changed: an alternative whose model is as good is one of the equals.
+        Changed: an alternative whose model is as good is added to the equals of its significance.
     alpha, chance, partitions
-        As of `choose`.
+        See `choose`.
     replacing : bool
-        Whether a model that is better by more than `SET_WIDTH`, with no more effects, is taken
-        instead.
+        Whether a model that is better by more than `SET_WIDTH`, with no more effects, replaces
+        the choice.
 
     Returns
     -------
@@ -122,7 +124,7 @@ def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacin
     for i in sorted(range(len(choice.chosen)), key=lambda i: -choice.significances[i].delta_bic):
         near = near_alternatives(problem, choice, i)[:left] if left else []
         left -= len(near)
-        if near:  # chance is known from this choice, as it is of parts of the rows
+        if near:  # simulate chance for this choice once, and reuse it for the alternatives
             chance.simulate(problem, choice.chosen)
         tried = [model for g in near if (model := _tried(
             problem, choice, i, g, near, alpha, chance.for_alternatives(), partitions)) is not None]
@@ -130,7 +132,7 @@ def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacin
         best = min(tried, key=lambda model: model.behind, default=None)
         if best is None:
             continue
-        # what needs more effects for it is no better explanation: both are reported
+        # a model that needs more effects is no better explanation: both are reported
         more = len(best.choice.chosen) > len(choice.chosen)
         if best.behind >= -SET_WIDTH or more or not replacing:
             _take_in(choice, i, tried)
@@ -147,21 +149,21 @@ def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacin
 
 
 def near_alternatives(problem, choice, i):
-    """Candidates that alone take up nearly what a found effect does, and are not in its set.
+    """Candidates that alone explain nearly all of a found effect and are not among its equals.
 
     Parameters
     ----------
     problem : SelectionProblem
     choice : ModelChoice
     i : int
-        Of what was found.
+        Index of the found effect.
 
     Returns
     -------
     list of int
-        Groups of the dictionary, of each cause as people are told it the one that fits best; the
-        nearest first. None of an effect that is small beside the largest, and of one so small that
-        an alternative so near would be in its set with any others beside it.
+        Groups of the dictionary, the best one of each cause as worded for users; the most similar
+        first. Empty for an effect much smaller than the largest, and for one so small that any
+        such alternative would be within `SET_WIDTH`.
     """
     one, own = choice.chosen[i], choice.significances[i]
     if (not one.plain or one.changes(choice.chosen) or own.delta_bic * (1.0 - NEAR) < SET_WIDTH
@@ -176,14 +178,14 @@ def near_alternatives(problem, choice, i):
         if shares[g] < NEAR:
             break
         cause = bank.effects[g].cause_summary
-        # a shape is no cause: it explains all that has it
+        # a smooth curve is no cause: it explains any effect of that shape
         if cause not in taken and np.isfinite(own.every[g]) and bank.effects[g].kind != 'smooth':
             out.setdefault(cause, int(g))
     return list(out.values())
 
 
 def signal_shares(problem, choice, i):
-    """Part of the signal of one of a choice, beyond the base, that each candidate explains."""
+    """Share of the signal of effect `i`, beyond the base, that each candidate explains."""
     noise, bank = choice.fit.noise, problem.dictionary
     own = choice.chosen[i].columns(problem)
     p, _ = problem.design([*choice.without(i), choice.chosen[i]]).solver(noise)(problem.b)
@@ -196,19 +198,21 @@ def signal_shares(problem, choice, i):
 
 
 def _tried(problem, choice, i, g, near, alpha, chance, partitions, below=np.inf):
-    """`AlternativeModel` to a found effect; None where it does not hold so, or is not `below` some
-    BIC behind: what does not hold only adds to that.
+    """`AlternativeModel` for candidate `g` in place of effect `i`.
+
+    None if `g` is eliminated, or if the model is not less than `below` behind in BIC: elimination
+    can only increase that distance.
     """
     bank, own, other = problem.dictionary, choice.chosen[i], CandidateGroup(g)
-    # the found one and its other alternatives would only share the lead
+    # exclude the found effect and its other alternatives: they would share the signal with `g`
     causes = {bank.effects[k].cause_summary for k in (own.group, *near) if k != g}
-    # and a wave without a cause would take the place of any of them
+    # and smooth curves without a cause, which could replace any of them
     out = [*(CandidateGroup(k) for k, e in enumerate(bank.effects)
              if e.cause_summary in causes or e.kind == 'smooth'), *choice.dropped_by_cv]
     if other in out:
         return None
     model = search(problem, alpha, chance, out, first=(other,))
-    for folds in ((), partitions) if partitions else ((),):  # rows left out take the longest
+    for folds in ((), partitions) if partitions else ((),):  # the slow cross-validation last
         if not bic_behind(problem, choice, model) < below:
             return None
         eliminate(problem, model, alpha, chance, folds, alone=True)
@@ -221,13 +225,13 @@ def _tried(problem, choice, i, g, near, alpha, chance, partitions, below=np.inf)
 
 
 def bic_behind(problem, first, second):
-    """BIC of a second model less that of a first, if rows have no memory.
+    """BIC of a second model minus that of a first, with white noise.
 
     Parameters
     ----------
     problem : SelectionProblem
     first, second : ModelChoice
-        Rows count as much as the worse of both fits lets them.
+        Each row gets the smaller weight of the two fits.
 
     Returns
     -------
@@ -249,17 +253,17 @@ def likelihood_ratio(b, designs, fits):
     ----------
     b : ndarray, shape (2n,)
     designs : sequence of Columns
-        Of both.
+        Columns of both models.
     fits : sequence of WeightedFit
-        Of them, without memory.
+        Fits of both models, with white noise.
 
     Returns
     -------
     ratio : float
     sizes : list of int
-        Columns of each that are not those of others.
+        Rank of each design.
     live : int
-        Rows that count.
+        Number of rows with weight.
     """
     weights = np.minimum(*(fit.weights for fit in fits))
     kept = np.where(fits[0].weights > 0.0, fits[0].weights, 1.0)
@@ -272,12 +276,12 @@ def likelihood_ratio(b, designs, fits):
 
 
 def _take_in(choice, i, models):
-    """Let alternatives whose models are as good be equals of one of a choice."""
+    """Add alternatives whose models are as good to the equals of effect `i`."""
     own = choice.significances[i]
     if not models:
         return
     own.every = own.every.copy()
-    # what is better only with more effects stands beside it, no more
+    # a model that is better only with more effects counts as equal, not as better
     more = [len(model.choice.chosen) - len(choice.chosen) for model in models]
     behind = [max(model.behind, 0.0) if n > 0 else model.behind for model, n in zip(models, more)]
     best = min(0.0, *behind)
@@ -293,22 +297,23 @@ def _take_in(choice, i, models):
 
 
 def alternatives(problem, choice, choices):
-    """Alternatives to each found effect beside its equals, the most often chosen first.
+    """Contenders of each found effect that are not its equals, most often selected first.
 
     Parameters
     ----------
     problem : SelectionProblem
     choice : ModelChoice
     choices : list of list of Effect
-        That were chosen where a part of the rows was left out.
+        Effects selected in each cross-validation fold.
 
     Returns
     -------
     list of list of (int, dict)
-        Group of the dictionary, and an entry as of `DiagnosedEffect.causes`, its ``delta_bic`` with
-        all else in the model; and ``behind`` (BIC, of the better of that and a model of its own),
-        ``alone`` and ``found_alone`` (gains on what the base leaves), ``instead`` of ``folds`` (how
-        often it was chosen and the effect was not) and ``open``.
+        Group of the dictionary, and an entry like those of `DiagnosedEffect.causes`, its
+        ``delta_bic`` with all other effects in the model. Further keys: ``behind`` (BIC, the
+        smaller of that in this model and in a model of its own), ``alone`` and ``found_alone`` (BIC
+        gains on the residuals of the base), ``instead`` of ``folds`` (how often it was selected and
+        the effect was not) and ``open``.
     """
     if not any(c.plain for c in choice.chosen):
         return [[] for _ in choice.chosen]
@@ -343,26 +348,26 @@ def _to_one(problem, choice, i, alone, lines, taken):
 
 
 def cause_counts(choices, effects):
-    """How often the effects that were found are chosen again, each by one of its causes.
+    """Count how often each found effect, or one of its causes, is selected in the folds.
 
     Parameters
     ----------
     choices : list of list of Effect
-        Repeated without a part of the rows.
+        Effects selected in each cross-validation fold.
     effects : list of DiagnosedEffect
 
     Returns
     -------
     dict
-        ``same_set``: how many choices are these and no other; ``chosen_set``: name of each effect
-        and how many choices have it; ``others_set``: the same of effects that are none of the
-        causes.
+        ``same_set``: number of folds with exactly these effects; ``chosen_set``: name of each
+        effect and number of folds with it; ``others_set``: the same for effects that are none of
+        the causes.
     """
     sets = {one.fitted.effect.name: ({one.fitted.effect.name, *one.alternatives}.union(
         *(cause['effects'] for cause in one.causes)), one.fitted.effect.line) for one in effects}
 
     def of(chosen):
-        """Found effects that a choice has, and whether it has these and no other."""
+        """Found effects in a selection, whether it has exactly these, and its other effects."""
         left, others = dict(sets), []
         for effect in chosen:
             mine = next((name for name, (names, line) in left.items()
@@ -378,7 +383,7 @@ def cause_counts(choices, effects):
 
 
 def run_counts(problem, choice):
-    """In how many runs (or sessions), each taken alone, one of the causes of each effect pays.
+    """Count the runs (or sessions) in which, alone, one of the causes of each effect gains by BIC.
 
     Parameters
     ----------
@@ -388,9 +393,9 @@ def run_counts(problem, choice):
     Returns
     -------
     dict
-        ``runs``: how many have rows enough; ``runs_set``: of each effect the number of these in
-        which one of its causes gains by BIC, the other effects in the model. Empty where fewer than
-        two have.
+        ``runs``: number of runs with enough rows; ``runs_set``: for each effect, the number of
+        these runs in which one of its causes gains by BIC with the other effects in the model.
+        Empty if fewer than two runs have enough rows.
     """
     label, counts, runs = problem.sequence.run, [0] * len(choice.chosen), 0
     size = sum(len(one.columns(problem)) for one in choice.chosen)

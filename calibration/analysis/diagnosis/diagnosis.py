@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Diagnosis of a pointing run: what the declared model lacks, how sure that is, what it gains."""
+"""Diagnosis of a pointing run: effects the declared model lacks, their significance and gain."""
 
 from dataclasses import replace
 
@@ -56,7 +56,7 @@ from .scatter import noise_of_runs, unequal_axes, unequal_scatter
 from .sessions import arrange, median_findings, split_runs, with_zeros_of_terms
 from .validation import add_errors, cross_validated
 
-#: rows that are looked at, where there are more: time and memory grow with them
+#: largest number of rows searched: time and memory grow with it
 MOST_ROWS = 5000
 
 
@@ -64,50 +64,51 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
              flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
              most_rows=MOST_ROWS, sessions=None, partitions=None, progress=None,
              first_answer=None, jobs=1, checked=None):
-    """Find the effects that a model lacks, and prove the gain.
+    """Find the effects that a model lacks, and cross-validate the improvement.
 
     Parameters
     ----------
     runs : PointingRun or sequence of PointingRun
-        Several are several runs of one mount.
+        One run, or several runs of one mount.
     base : str or Base
         The declared model, see `Base.parse`.
     alpha : float
-        Family-wise error: the chance that a clean run gets any effect.
+        Family-wise error rate: the probability that a clean run gets any effect.
     holdout : PointingRun or sequence of PointingRun, optional
-        Judge there too; only `own_terms` (by default the zeros IA and IE) are refitted.
+        Validation runs; only `own_terms` (by default the zeros IA and IE) are refitted on them.
     own_terms : sequence of str, optional
-        Terms that each run (or session) fits for itself; by default chosen where there are
-        several, see `sessions.arrange`. ``()``: none.
+        Terms fitted separately to each run (or session). By default chosen by `sessions.arrange`
+        where there are several runs. ``()``: none.
     encoder : {'enc', 'abs'}
     flips : int
-        Sign flips behind each p; fewer than 7 / alpha cannot tell the smallest shares of it.
+        Number of sign flips for each p-value. Fewer than 7 / alpha cannot resolve the smallest
+        shares of alpha.
     folds : int
-        Of the cross-validation (random; as many contiguous ones; whole runs from 4 runs on; at
-        most 5 from 1500 rows on).
+        Number of cross-validation folds (random, and as many contiguous ones; whole runs from 4
+        runs on; at most 5 from 1500 rows on).
     seed : int
     cross_validation : bool
     most_rows : int
-        Of more than this a part is searched, spread evenly over each run, and the model that is
-        found is fitted to all. A note says so, and what it costs.
+        Largest number of rows searched. Of more rows a sample, spread evenly over each run, is
+        searched, and the resulting model is fitted to all rows. A note reports this and its cost.
     sessions : float, optional
-        A gap longer than so many hours begins a session with terms of its own; by default told
-        by the data, see `sessions.arrange`. 0: runs are taken as they are.
+        Gap, in hours, beyond which a new session with separate terms begins. By default chosen
+        from the data, see `sessions.arrange`. 0: do not split runs.
     partitions : int, optional
-        Ways to divide the rows in the cross-validation; by default as many as it takes to know
-        its figure to 3 %.
+        Number of random partitions in the cross-validation. By default as many as are needed to
+        know its RMS to 3 %.
     progress : callable, optional
-        Is told what is being done, and of the cross-validation how many folds of how many (str,
-        int, int; None where there is nothing to count).
+        Called with the current step, the folds done and the total number of folds (str, int, int;
+        None where there is nothing to count).
     first_answer : callable, optional
-        Called with a Finding as soon as the search is over, before alternatives and rows left out:
-        what it found, and the RMS of the rows fitted without and with it. Before the search with
-        each on what moved between visits of the same places.
+        Called with a Finding when the search ends, before alternatives and cross-validation: the
+        effects found, and the fit RMS without and with them. Also called before the search, with
+        each Finding of motion between repeated visits to the same places.
     jobs : int
-        Folds of the cross-validation at a time, in processes that are forked: not where threads
-        of a ROS node hold locks. The result is the same.
+        Number of folds run in parallel, in forked processes. Keep 1 where threads of a ROS node
+        hold locks. The result is the same.
     checked : sequence of ColumnCheck, optional
-        Of the runs, and of those held out, where their columns are checked already.
+        Column checks of the runs and of the held-out runs, if already done.
 
     Returns
     -------
@@ -116,7 +117,8 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     Raises
     ------
     MistakenColumns
-        A ValueError: the columns of a run are not what they are named, see `mistaken_columns`.
+        A ValueError: the columns of a run do not hold what their names say, see
+        `mistaken_columns`.
     ValueError
         Too few usable rows for the base, unknown terms, or a bad option.
     """
@@ -146,14 +148,14 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     choice = choose_effects(run, alpha, chance, parts, first_answer)
 
     def search_anew():
-        """With the rows or candidates as they are now."""
+        """Repeat the search with the current rows and candidates."""
         tests = Chance(run.problem.n, flips, rng, group=run.problem.sequence.group)
         parts = partitions_of(run.problem, folds, rng) if folds else ()
         return tests, parts, choose_effects(run, alpha, tests, parts, first_answer)
 
     noise, noisier = noise_of_runs(run.obs, run.problem.plain.fit(
         choice.chosen, final=True).raw.reshape(2, -1))
-    if noise is not None:  # by the noise of others its rows were outliers
+    if noise is not None:  # with the noise of the other runs, rows of a noisy run were outliers
         run.weigh_runs(noise)
         chance, parts, choice = search_anew()
     shown, offered = ask_runs(run, choice, alpha, flips, rng)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a diagnosis says: the verdict, the effects, the errors before and after."""
+"""Result of a diagnosis: the verdict, the effects, the errors before and after."""
 
 from dataclasses import dataclass, field
 from pathlib import PurePath
@@ -32,7 +32,7 @@ from .effect_causes import ranking_of
 from .observations import Observations
 from .row_counts import RMS_KEYS
 
-#: rows and coefficients up to which a result keeps its linear problem, for a page
+#: largest numbers of rows and coefficients with which a result keeps its linear problem for a page
 _LINEAR = 1500, 60
 
 
@@ -50,51 +50,52 @@ class Diagnosis:
         With and without the effects.
     effects : list of DiagnosedEffect
     before, after : dict
-        RMS of the JSON result.
+        RMS entries of the JSON result.
     residual_before, residual_after : ndarray, shape (2, n)
         Radians, x and y.
     weights : ndarray, shape (n,)
-        Robust; 0: set aside.
+        Robust weights; 0: outlier.
     ranking : list of dict
-        Every candidate on what the base leaves, best first: ``name``, ``driver``, ``axes``,
-        ``delta_bic``, ``p_family``, ``in_set``.
+        Every candidate, tested on the residuals of the base, best first: ``name``, ``driver``,
+        ``axes``, ``delta_bic``, ``p_family``, ``in_set``.
     untestable : list of (str, str)
         What could not be tested, and why.
     noise_floor_arcsec : float
     excluded, next_observations, notes : list
     detectable : list of dict or None
-        With the verdict ``none``: what these observations would have shown, see `detectable`.
+        Detection limits, with the verdict ``none`` only, see `detection_limits`.
     cv_contiguous : dict
-        ``before``, ``after``: RMS in arcsec with folds contiguous in time.
+        ``before``, ``after``: cross-validated RMS in arcsec with folds contiguous in time.
     run_terms : dict
-        Run -> terms that it fitted for itself, arcsec.
+        Run -> terms fitted to that run alone, arcsec.
     columns_alike : list of str
-        Readings of the columns that differ by signs, or fit better, see `mistaken_columns`.
+        Other readings of the columns that differ only by signs, or fit better, see
+        `mistaken_columns`.
     cautions : list of Finding or str
-        Where the gain does not hold on some kind of rows left out.
+        Cases where the cross-validated improvement does not hold.
     noise_memory : dict or None
-        Rows resemble their neighbours in time though no effect explains it, see
+        Residuals are correlated in time and no effect explains it, see
         `residual_correlation.correlation_entry`.
     expected : dict or None
-        Error on fresh stars of the same night, see `expected_error`.
+        Error on new stars of the same night, see `expected_error`.
     held_out : list of dict
-        Runs held out, each for itself, see `holdout.nights_held_out`.
+        One entry for each held-out run, see `holdout.nights_held_out`.
     no_star : list of list of str
-        Effects, each with the rivals that no observation tells it from, see
+        Effects, each with the alternatives from which no observation can distinguish it, see
         `next_observations.propose`.
     unphysical : list of dict
-        Terms that no mount should have so, see `implausible_terms`.
+        Terms with values implausible for any mount, see `implausible_terms`.
     whole : bool
-        Whether the rows are what the encoders read, and nothing was taken off before.
+        Whether the rows are raw encoder readings, with no model removed before.
     correlations : tuple
         Names and matrix, see `page_figures.correlations`.
     counts : dict
-        Of `RowCounts`.
+        See `row_counts.RowCounts`.
     worst_rows, unequal_scatter, unequal_axes : dict or None
         See `row_counts`, `scatter`.
     linear : tuple of Linearisation
         The fits without and with the effects; names are (term, None) or (effect, coefficient).
-        Empty where the run is large.
+        Empty for a large run.
     """
 
     verdict: str
@@ -133,16 +134,16 @@ class Diagnosis:
     linear: tuple = ()
 
     def add_correlation(self, entry):
-        """Take a `residual_correlation.correlation_entry`."""
+        """Store a `residual_correlation.correlation_entry`, and adjust the verdict."""
         self.noise_memory = entry
         if self.verdict == 'none' and entry['slow']:
             self.verdict = 'wanders'
 
     def to_dict(self):
-        """The JSON result; keys that do not apply are None."""
+        """JSON result; keys that do not apply are None."""
         mount = self.observations.run.mount
         return {
-            # whether the pole above the horizon is the southern one, where that matters
+            # south: an equatorial mount in the southern hemisphere
             **mount.entries(), 'south': bool(not mount.vertical and mount.latitude < 0.0),
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
@@ -159,14 +160,14 @@ class Diagnosis:
             'cv_contiguous': self.cv_contiguous, 'worst_rows': self.worst_rows,
             'held_out': self.held_out, 'no_star': self.no_star,
             'unequal_scatter': self.unequal_scatter, 'unequal_axes': self.unequal_axes,
-            # what is left beside terms that were taken off before has any sign
+            # terms left after an earlier model was removed may have any sign
             'unphysical': self.unphysical if self.whole else [],
             'approach_from': self.observations.run.meta.get('approach_from'),
         }
 
 
 def _excluded(rows, obs):
-    """Row and reason; of several files, which."""
+    """Row and reason, and the file name if there are several files."""
     several = len({e.get('source') for e in rows} | set(obs.sources)) > 1
     return [{'row': e['row'], 'reason': e['reason'],
              **({'source': PurePath(str(e['source'])).name} if several and e.get('source') else {})}
@@ -174,7 +175,7 @@ def _excluded(rows, obs):
 
 
 def verdict_of(effects):
-    """Of what carries most of the gain: curves (unknown), or effects that have a name."""
+    """Verdict by what carries most of the gain: smooth curves (unknown) or named effects."""
     if not effects:
         return 'none'
     curves = [e for e in effects if e.fitted.effect.kind == 'smooth']
@@ -185,7 +186,7 @@ def verdict_of(effects):
 
 
 def build_diagnosis(run, choice, fits, models, effects, chance):
-    """`Diagnosis` of what was found.
+    """Build the `Diagnosis` from the effects found.
 
     Parameters
     ----------
@@ -194,7 +195,7 @@ def build_diagnosis(run, choice, fits, models, effects, chance):
     fits : tuple of Estimate
         Without and with the effects.
     models : sequence of (PointingModel, dict)
-        The same as models, and the terms of each run.
+        The same fits as models, and the terms of each run.
     effects : list of DiagnosedEffect
     chance : Chance
     """
@@ -207,7 +208,7 @@ def build_diagnosis(run, choice, fits, models, effects, chance):
     floor = radial_arcsec(after, keep) * np.sqrt(2 * keep.sum() / free)
     candidates, nothing = problem.dictionary.effects, problem.plain.fit([])
     scores = problem.dictionary.score(nothing)
-    # what a run cannot tell from the base's terms, and why if it is known
+    # effects that a run cannot distinguish from the base terms, and the reason if known
     hidden = {e.name: e.alias for e, dof in zip(candidates, scores.dof) if dof == 0}
     return Diagnosis(
         verdict_of(effects), run.base, obs, model, base_model, effects, rms_entry(before, keep),
@@ -219,7 +220,7 @@ def build_diagnosis(run, choice, fits, models, effects, chance):
 
 
 def _notes(run, choice, effects):
-    """Of the rows, of what was given up, and of the effects."""
+    """Notes on the rows, on dropped effects, and on the effects found."""
     notes = [*run.obs.notes, *not_taken(run.obs.context)]
     notes += [Finding(kind, causes=tuple(dict.fromkeys(
         c.effect(run.problem).name for c in dropped)))
@@ -234,23 +235,23 @@ def _notes(run, choice, effects):
 
 
 def not_taken(context):
-    """A Finding on the columns of a Context that are not taken as causes; none without any."""
+    """A Finding on columns of a Context that are not used as drivers; empty if there are none."""
     names = context.left_out()
     return [] if not names else [Finding('columns not taken', evidence={
         'columns': [*map(context.wording, names)],
-        # of TPOINT, which does not name them
+        # auxiliary columns of TPOINT, which have no names
         'unnamed': any(name.startswith('auxiliary_') for name in names)})]
 
 
 def _linear(run, choice, fits):
-    """`Linearisation` of each of the fits; none of a large run."""
+    """`Linearisation` of each of the fits; empty for a large run."""
     small = (len(run.obs) <= _LINEAR[0] and not run.obs.whole
              and len(run.problem.design(choice.chosen)) <= _LINEAR[1])
     return tuple(_linear_fit(run, *each) for each in zip(fits, ([], choice.chosen)) if small)
 
 
 def _linear_fit(run, fit, chosen):
-    """`Linearisation` of an exact fit: its covariance is by the scatter that it ended with."""
+    """`Linearisation` of an exact fit: its covariance uses the final scatter of that fit."""
     obs, base, n = run.obs, run.base, len(run.obs)
     names = [(t, None) for t in base.common]
     names += [(f'{axis}{i}', None) for axis in 'AB' for i in range(base.harmonic_count)]
@@ -268,17 +269,17 @@ def _linear_fit(run, fit, chosen):
 
 
 def rms_entry(residual, keep):
-    """Of the JSON result: RMS of the rows `keep` of residuals of shape (2, n), radians."""
+    """RMS entry of the JSON result: residuals of shape (2, n), radians, in the rows `keep`."""
     x, y = (rms(r[keep]) / ARCSEC for r in residual)
     return dict.fromkeys(RMS_KEYS) | {
         'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y}
 
 
-_MOVED = 2.0  # sigma, from where it is said what a term is beside the effects
+_MOVED = 2.0  # sigma: a term that the effects shift by more is also reported as fitted with them
 
 
 def raw_rms_arcsec(obs, weights):
-    """Radial RMS of what the encoders read beyond the catalogue, arcsec, of rows with weight.
+    """Radial RMS of encoder minus catalogue, arcsec, in rows with non-zero weight.
 
     Parameters
     ----------
@@ -294,7 +295,7 @@ def raw_rms_arcsec(obs, weights):
 
 
 def raw_terms(diagnosis):
-    """What the terms, fitted alone, are of the errors as read, the largest first.
+    """Contribution of each term, fitted without effects, to the raw error, largest first.
 
     Parameters
     ----------
@@ -303,13 +304,13 @@ def raw_terms(diagnosis):
     Returns
     -------
     list of dict
-        ``name``, ``value_arcsec`` (of a term that each run has for itself the median) and
-        ``rms_arcsec``, what it is on the sky over the rows with weight. Of one that effects have
-        moved by more than two of its standard errors: ``beside_effects_arcsec``, and
-        ``resembles`` (the effect that it is most correlated with) with ``correlation``. Of one
-        that the stars do not determine: ``undetermined``.
+        ``name``, ``value_arcsec`` (the median over runs of a term fitted to each run) and
+        ``rms_arcsec``, its RMS on the sky in rows with non-zero weight. For a term that effects
+        shift by more than two standard errors: ``beside_effects_arcsec``, and ``resembles`` (the
+        effect most correlated with it) with ``correlation``. For a term that the stars do not
+        determine: ``undetermined``.
     """
-    # beside effects that are nearly the same curve a term is a difference of large numbers
+    # fitted with effects of nearly the same shape, a term is a difference of large numbers
     obs, terms = diagnosis.observations, diagnosis.base_model.terms
     keep = np.flatnonzero(diagnosis.weights > 0.0)
     if not len(keep) or not terms:
@@ -325,7 +326,7 @@ def raw_terms(diagnosis):
 
 
 def _moved(diagnosis):
-    """Of terms that the effects have moved: what they are beside them, and whom they resemble."""
+    """Terms shifted by the effects: their values with the effects, and the most correlated one."""
     model, base = diagnosis.model, diagnosis.base_model
     if not diagnosis.effects:
         return {}

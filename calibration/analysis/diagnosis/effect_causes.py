@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""An effect of the verdict: what it may be, and the model with each of these causes."""
+"""An effect of the verdict: its possible causes, and the model with each of them."""
 
 from dataclasses import dataclass, field, replace
 
@@ -28,10 +28,10 @@ from pointing_model.fitted_effects import FittedEffect
 from ..finding import Finding
 from .exact_models import choice_fit, exact_model
 
-#: what changes little by little, where a step says "at once"
+#: drivers of gradual change, offered as alternatives to a step
 _GRADUAL = ('time', 'order', 'run_hours', 'temperature')
 _MOST_CURVES = 2
-#: times what the effects leave, within which a reading of the columns explains the rows as well
+#: a reading of the columns fits as well as the effects if its RMS is below this times theirs
 _AS_WELL = 1.25
 
 
@@ -46,29 +46,31 @@ class DiagnosedEffect:
     alternatives : list of str
         Effects that explain the run as well (within 6 of the best BIC).
     aliases, other_causes : list of str
-        Of these the ones that are the same curve in this run, and the ones that have another
-        cause (not that a backlash is complete after some degrees or at once).
+        The alternatives with the same curve in this run, and those with a different cause
+        (backlash taken up at once or over some degrees is one cause).
     ranking : list of dict
-        Every candidate with this effect left out: ``name``, ``driver``, ``axes``, ``delta_bic``,
+        Every candidate in place of this effect: ``name``, ``driver``, ``axes``, ``delta_bic``,
         ``in_set``; best first.
     causes : list of dict
-        What it may be, as people are told it: ``cause``, ``effects`` (names), ``driver``, ``axes``,
-        ``delta_bic``, ``only_shape`` (even alone it is one possibility, see `Effect`), and
-        ``more_effects`` (so many more its model has); those within `SET_WIDTH` of the best, the
-        best first, and last those that take more effects. What people are told alike is one.
+        Possible causes as worded for users: ``cause``, ``effects`` (names), ``driver``, ``axes``,
+        ``delta_bic``, ``only_shape`` (uncertain even if it is the only cause, see `Effect`), and
+        ``more_effects`` (number of additional effects in its model). Those within `SET_WIDTH` of
+        the best, best first, and last those that need more effects. Causes with the same wording
+        are merged.
     beside : dict of str to list of Effect
-        Of other causes that explain the run as well only with other effects beside them: these.
+        Alternatives that explain the run as well only with other effects: these other effects.
     larger : dict of str to (int, float)
-        Of those that take more effects: how many, and by how much their model is better, in BIC.
+        Alternatives that need more effects: how many more, and the BIC gain of their model.
     columns : ndarray, shape (k, 2, n)
     contenders : list of dict
-        What lost its place to this effect, though it explains the rows as well alone: see
+        Candidates that explain the rows as well when alone, but lost to this effect, see
         `alternatives.alternatives`.
     removes_arcsec : float or None
-        RMS on the sky that it takes off, beyond what the declared terms could.
+        RMS on the sky removed by the effect, beyond what the declared terms can absorb.
     offsets, own, beyond : ndarray or None
-        What it moves in each row, and of that what no term and no other effect takes up, shape
-        (2, n), and in the rows with weight what the declared terms do not, shape (2, m): arcsec.
+        Offset of each row; its part that no term and no other effect absorbs, shape (2, n); and,
+        in rows with non-zero weight, its part that the declared terms do not absorb, shape (2, m):
+        arcsec.
     """
 
     fitted: FittedEffect
@@ -91,7 +93,7 @@ class DiagnosedEffect:
 
     @property
     def other_models(self):
-        """A Finding on each model that explains the run as well with another effect in it."""
+        """A Finding for each alternative model that explains the run as well."""
         out = []
         for other, others in self.beside.items():
             more, better = self.larger.get(other, (0, 0.0))
@@ -116,16 +118,16 @@ class DiagnosedEffect:
 
 
 def diagnosed_effects(run, choice, model, correlation):
-    """The effects of a choice, after the slips of the decoder.
+    """Effects of the verdict: decoder slips first, then the selected effects.
 
     Parameters
     ----------
     run : RunProblem
     choice : ModelChoice
     model : PointingModel
-        With them.
+        With the effects.
     correlation : ResidualCorrelation or None
-        As of `exact_models.choice_fit`.
+        See `exact_models.choice_fit`.
 
     Returns
     -------
@@ -150,7 +152,7 @@ def diagnosed_effects(run, choice, model, correlation):
             one.other_causes.append(e.name)
             if e.cause_summary not in [cause['cause'] for cause in one.causes]:
                 one.causes.append(cause_entry(e, gain))
-        # of equals the order of the dictionary counts, not rounding
+        # among equals keep the order of the dictionary, not that of rounding errors
         one.causes.sort(key=lambda cause: (cause['more_effects'] > 0,
                                            -round(cause['delta_bic'], 1)))
         effects.append(one)
@@ -158,7 +160,7 @@ def diagnosed_effects(run, choice, model, correlation):
 
 
 def diagnosed_effect(fitted, significance, columns, effects, group):
-    """`DiagnosedEffect` of a candidate.
+    """Build the `DiagnosedEffect` of a candidate.
 
     Parameters
     ----------
@@ -168,12 +170,12 @@ def diagnosed_effect(fitted, significance, columns, effects, group):
     effects : list of Effect
         All candidates.
     group : int
-        Which of them it is.
+        Index of this candidate in `effects`.
     """
     def names(groups):
         return list(dict.fromkeys(effects[k].name for k in groups))
     own, s = fitted.effect.mechanism, significance
-    # one curve may have two causes
+    # the same curve may have two causes
     others = [k for k in s.equals
               if k not in s.same or own is None or effects[k].mechanism != own]
     return DiagnosedEffect(fitted, s.p, columns, s.delta_bic, names(s.equals), names(s.same),
@@ -182,7 +184,7 @@ def diagnosed_effect(fitted, significance, columns, effects, group):
 
 
 def cause_entry(e, delta_bic, names=None):
-    """Entry of `DiagnosedEffect.causes` for an effect, with its own name unless others are told."""
+    """Entry of `DiagnosedEffect.causes` for an effect; `names` defaults to its own name."""
     return {'cause': e.cause_summary, 'shape': e.shape, 'driver': e.driver, 'axes': e.axes,
             'look_at': e.look_at, 'effort': e.effort,
             'only_shape': e.only_shape, 'effects': [e.name] if names is None else list(names),
@@ -190,18 +192,18 @@ def cause_entry(e, delta_bic, names=None):
 
 
 def doubt_columns(result, findings):
-    """Say first, in place, where a reading of the columns fits as well as the effects do.
+    """Add, in place, readings of the columns that fit as well as the effects as possible causes.
 
     Parameters
     ----------
     result : Diagnosis
     findings : list of Finding
-        Of `mistaken_columns.ColumnCheck`.
+        Findings of `mistaken_columns.ColumnCheck`.
 
     Returns
     -------
     list of Finding
-        The others.
+        The remaining findings.
     """
     doubts = [one for one in findings if one.kind == 'better reading'
               and one.after < _AS_WELL * result.after['rms_arcsec']]
@@ -220,9 +222,9 @@ def doubt_columns(result, findings):
 
 
 def _causes(effects, delta_bic, groups):
-    """`DiagnosedEffect.causes` of groups."""
+    """`DiagnosedEffect.causes` of candidate groups."""
     out = {}
-    # of equals the found one is first, whatever the rounding
+    # among equals the selected one comes first, whatever the rounding
     for k in sorted(groups, key=lambda k: -np.round(delta_bic[k] / TIE)):
         e = effects[k]
         one = out.setdefault(e.cause_summary, cause_entry(e, float(delta_bic[k]), ()))
@@ -232,15 +234,15 @@ def _causes(effects, delta_bic, groups):
 
 
 def ranking_of(effects, delta_bic, p=None):
-    """Ranking of scored effects, best first: the best member of each line.
+    """Rank scored effects, best first, with the best member of each line only.
 
     Parameters
     ----------
     effects : list of Effect
     delta_bic : ndarray, shape (G,)
-        -inf: cannot be told from the model.
+        -inf: indistinguishable from the model.
     p : ndarray, shape (G,), optional
-        Family-wise.
+        Family-wise p-values.
 
     Returns
     -------
@@ -251,7 +253,7 @@ def ranking_of(effects, delta_bic, p=None):
     best = delta_bic.max(initial=-np.inf)
     for g in np.argsort(-delta_bic):
         if not np.isfinite(delta_bic[g]):
-            break  # of waves of unknown period there are thousands
+            break  # there are thousands of waves of unknown period
         e = effects[g]
         if e.line not in seen:
             seen.add(e.line)
@@ -263,20 +265,20 @@ def ranking_of(effects, delta_bic, p=None):
 
 
 def _fit_causes(run, choice, i, causes, correlation):
-    """Fit the model with each cause of an effect in its place, and write it down there.
+    """Fit the model with each cause in place of an effect, and store the fit with the cause.
 
     Parameters
     ----------
     run : RunProblem
     choice : ModelChoice
     i : int
-        Of `choice.chosen`.
+        Index of the effect in `choice.chosen`.
     causes : list of dict
-        Of `DiagnosedEffect`. Each gets ``fitted``: ``coefficients`` (``name``, ``word`` for people,
-        ``value_arcsec``, ``sigma_arcsec``, ``unit``) and ``terms`` (name: ``value_arcsec``,
-        ``sigma_arcsec``); None for a cause that is tried by its score alone.
+        See `DiagnosedEffect.causes`. Each gets ``fitted``: ``coefficients`` (``name``, ``word``
+        for people, ``value_arcsec``, ``sigma_arcsec``, ``unit``) and ``terms`` (name:
+        ``value_arcsec``, ``sigma_arcsec``); None for a cause tested by its score alone.
     correlation : ResidualCorrelation or None
-        As of `exact_models.choice_fit`.
+        See `exact_models.choice_fit`.
     """
     one, own = choice.chosen[i], choice.significances[i]
     bank, group = one.family(run.problem, choice.chosen)
@@ -306,7 +308,7 @@ def _fitted(run, chosen, correlation):
 
 
 def _equals_of_step(problem, choice, i):
-    """Curves of time or temperature that explain as much as a step, and their gains."""
+    """Curves of time or temperature that explain as much as a step, and their BIC gains."""
     one = choice.chosen[i]
     if one.effect(problem).form != 'step' or not len(problem.curves):
         return []

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The choice of the effects: the search beside outliers, its alternatives, its scans refined."""
+"""Selection of the effects: search with clustered outliers, alternatives, refined scans."""
 
 import numpy as np
 
@@ -28,15 +28,15 @@ from .residual_patterns import ResidualRows, gathered
 
 
 def choose_effects(run, alpha, chance, partitions, first_answer=None):
-    """Search the effects, and compare them with alternatives.
+    """Search for effects, and compare them with alternatives.
 
     Parameters
     ----------
     run : RunProblem
     alpha, chance, partitions
-        As of `select.choose`.
+        See `select.choose`.
     first_answer : callable, optional
-        As of `diagnose`.
+        See `diagnose`.
 
     Returns
     -------
@@ -52,10 +52,10 @@ def choose_effects(run, alpha, chance, partitions, first_answer=None):
 
 
 def _choose_beside_outliers(run, alpha, chance, partitions):
-    """`choose`; outliers that gather at a place are no accidents where an effect explains them.
+    """`choose`, with a cluster of outliers kept as good rows if an effect explains it.
 
-    `run.problem` trusts these rows then. One place after the other: beside those of another every
-    effect would look like chance.
+    `run.problem` then keeps the weight of these rows. Clusters are tried one at a time: next to the
+    outliers of another cluster no effect would be significant.
     """
     plain = run.problem
     groups = gathered(ResidualRows.from_observations(run.obs, plain.plain.fit([]).raw))
@@ -77,7 +77,7 @@ def _choose_beside_outliers(run, alpha, chance, partitions):
 
 
 def _first_answer(problem, choice):
-    """What a search has found, and the RMS of the rows fitted without and with it, arcsec."""
+    """Finding: the effects of a search, and the fit RMS without and with them, arcsec."""
     before, after = (radial_arcsec(fit.raw.reshape(2, -1), fit.weights > 0.0)
                      for fit in (problem.plain.fit([]), choice.fit))
     return Finding('first answer', before=before, after=after, causes=tuple(
@@ -85,7 +85,7 @@ def _first_answer(problem, choice):
 
 
 def keep_repeated(problem, choice, count, alpha, chance, partitions):
-    """Leave the first so many effects in a choice: rows left out do not repeat the others.
+    """Keep the first `count` effects of a choice: cross-validation does not confirm the others.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def keep_repeated(problem, choice, count, alpha, chance, partitions):
         Changed in place.
     count : int
     alpha, chance, partitions
-        As of `select.choose`.
+        See `select.choose`.
     """
     choice.not_repeated = choice.chosen[count:]
     del choice.chosen[count:]
@@ -104,13 +104,13 @@ def keep_repeated(problem, choice, count, alpha, chance, partitions):
 
 
 def refine_scans(run, choice):
-    """Put each member of a scan where it fits best: the search tries some of many places only."""
+    """Refine the position of each effect found by a scan: the search tries a coarse grid only."""
     problem = run.problem
     for i, one in enumerate(choice.chosen):
         if not one.plain or not one.effect(problem).searched:
             continue
         near = problem.finer(one.group)
-        # with weights of its own: rows between the old place and the new look like outliers
+        # refit the weights: with the old ones, rows between the two positions look like outliers
         scores = near.score(problem.plain.fit(choice.chosen, without=i))
         best = int(np.argmax(scores.delta_bic))
         problem.replace(one.group, near.effects[best], near.of(best))

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The exact fits of a run without and with what was found, and the models that come of them."""
+"""Exact fits of a run without and with the effects found, and the resulting models."""
 
 from dataclasses import replace
 
@@ -32,36 +32,35 @@ from pointing_model.rms import radial_arcsec, sigma_of
 from ..finding import Finding
 from ..term_fit import after_rotation
 
-_MORE = 1.02  # what terms fitted beside a wander leave over those without, from where it is said
+_MORE = 1.02  # reported: ratio of the fit RMS with a model of correlated noise to that without it
 
 
 def _rotation_fit(obs, base, design, start, left, weights, scatter, noise, true_noise=None):
-    """Exact rotations with the effects, by iteration.
+    """Fit exact rotations together with the effects, by iteration.
 
     Parameters
     ----------
     obs : Observations
     base : Base
     design : GroupColumns
-        Of the base and the effects.
+        Columns of the base and the effects.
     start : dict of str to float
-        Terms of the rotations to begin with.
+        Initial terms of the rotations.
     left : ndarray, shape (2n,)
-        What these leave.
+        Residuals of these rotations.
     weights : ndarray, shape (n,)
-        Of the rows.
+        Weights of the rows.
     scatter : ndarray, shape (2,)
-        Of the axes.
+        Scatter of the axes.
     noise : WhiteNoise or CorrelatedNoise
         With these weights and that scatter.
     true_noise : WhiteNoise or CorrelatedNoise, optional
-        By which the covariance is, where it is another.
+        Noise model for the covariance, if different.
 
     Returns
     -------
     Estimate
-        First of the common coefficients, then of those of each run; the covariance is that of the
-        common ones.
+        The common coefficients, then those of each run; covariance of the common ones only.
     """
     common, geometric = base.common, _geometric(obs, base)
     solve, start = design.solver(noise), dict(start)
@@ -69,7 +68,7 @@ def _rotation_fit(obs, base, design, start, left, weights, scatter, noise, true_
         p, own = solve(left)
         residual = left - np.append(p, own) @ design
         step = p[geometric].copy()
-        # what the geometric terms gained goes into the rotations
+        # move the corrections of the geometric terms into the rotations
         for i, d in zip(geometric, step):
             start[common[i]] += d
         if not geometric or np.abs(step).max() < 1e-5 * ARCSEC:
@@ -82,26 +81,27 @@ def _rotation_fit(obs, base, design, start, left, weights, scatter, noise, true_
 
 
 def _geometric(obs, base):
-    """Which of the common terms turn the mount."""
+    """Indices of the common terms that are rotations of the mount."""
     return [i for i, t in enumerate(base.common) if t in obs.context.mount.names.terms]
 
 
 def exact_fit(run, chosen, fit, true_noise=None):
-    """`_rotation_fit` of a choice to the rows of a `RunProblem` as a `WeightedFit` weighs them."""
+    """`_rotation_fit` of a choice to the rows of a `RunProblem` with weights of a `WeightedFit`."""
     return _rotation_fit(run.obs, run.base, run.problem.design(chosen), run.start, run.problem.b,
                      fit.weights, fit.scale, fit.noise, true_noise)
 
 
 def choice_fit(run, chosen, correlation):
-    """The exact fit of a choice, and the weighted fit by which it is made.
+    """The exact fit of a choice, and the weighted fit that gives its weights and noise.
 
     Parameters
     ----------
     run : RunProblem
     chosen : list of CandidateGroup
     correlation : ResidualCorrelation or None
-        Of what the choice leaves. Noise that goes along the sky is not told from what the direction
-        does: terms do not rest on its memory, their covariance does.
+        Correlation of the residuals. Noise correlated along the sky cannot be distinguished from a
+        function of direction: then the terms are fitted with white noise, and only their covariance
+        uses the correlated noise.
 
     Returns
     -------
@@ -116,17 +116,17 @@ def choice_fit(run, chosen, correlation):
 
 
 def exact_fits(run, choice, correlation):
-    """The exact fits without and with what was found; `choice.fit` is of the latter.
+    """The exact fits without and with the effects; sets `choice.fit` to the fit with them.
 
-    What is not beyond chance is no reason for another fit. Without the effects noise with memory
-    is mostly what they do: before them the rows are taken as `fit` takes them.
+    The fit without the effects uses white noise: there the effects themselves look like correlated
+    noise. Without any effect both fits are the same.
 
     Parameters
     ----------
     run : RunProblem
     choice : ModelChoice
     correlation : ResidualCorrelation or None
-        As of `choice_fit`.
+        See `choice_fit`.
 
     Returns
     -------
@@ -139,20 +139,20 @@ def exact_fits(run, choice, correlation):
 
 
 def whole_fit(run, fitted, chosen, correlation, memory):
-    """`_rotation_fit` of all rows of which these are a part.
+    """`_rotation_fit` of all rows, where only a sample of them was searched.
 
-    Each is weighted by how far it is from the fit of the part.
+    Robust weights come from the residuals of the fit to the sample.
 
     Parameters
     ----------
     run : RunProblem
     fitted : Estimate
-        Of the part.
+        Fit to the sample.
     chosen : list of CandidateGroup
     correlation : ResidualCorrelation or None
-        As of `choice_fit`.
+        See `choice_fit`.
     memory : tuple of AxisNoise
-        Of the part's noise.
+        Correlated noise of the sample.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def whole_fit(run, fitted, chosen, correlation, memory):
     start = run.start | {base.common[i]: turned[base.common[i]] for i in _geometric(whole, base)}
     left, _ = after_rotation(whole, start)
     p = fitted.coefficients.copy()
-    p[_geometric(whole, base)] = 0.0  # in the rotations
+    p[_geometric(whole, base)] = 0.0  # they are in the rotations
     given = np.ones(2 * n) if whole.inverse_sigma is None else whole.inverse_sigma
     standard = ((left - p @ design) * given).reshape(2, n)
     middle = np.maximum(sigma_of(standard, axis=1), 1e-6 * ARCSEC)
@@ -181,21 +181,21 @@ def whole_fit(run, fitted, chosen, correlation, memory):
 
 
 def exact_models(run, choice, fits, correlation):
-    """The models without and with what was found, and the terms of each run: of all rows.
+    """The models without and with the effects, fitted to all rows, and the terms of each run.
 
-    They have the terms that are held because the stars do not determine them, and know which.
+    They include, and mark, the terms held at zero because the stars do not determine them.
 
     Parameters
     ----------
     run, choice, correlation
-        As of `exact_fits`.
+        See `exact_fits`.
     fits : tuple of Estimate
-        Of it.
+        Result of `exact_fits`.
 
     Returns
     -------
     list of (PointingModel, dict)
-        Of the model without and with the effects.
+        Without and with the effects.
     """
     fitted = [*zip(fits, ([], choice.chosen))]
     if run.obs.whole:
@@ -209,14 +209,14 @@ def exact_models(run, choice, fits, correlation):
 
 
 def exact_model(run, fitted, chosen):
-    """What an exact fit of a choice gives as a model of all rows.
+    """Convert an exact fit of a choice to a model.
 
     Returns
     -------
     model : PointingModel
         With the effects.
     run_terms : dict
-        Run -> terms that it fitted for itself, arcsec.
+        Run -> terms fitted to that run alone, arcsec.
     """
     obs, base = run.obs.whole or run.obs, run.base
     p, common, start = fitted.coefficients, base.common, run.start
@@ -254,7 +254,7 @@ def exact_model(run, fitted, chosen):
 
 
 def _with_held_terms(model, fit):
-    """The model with the terms that a fit holds at zero."""
+    """The model with the undetermined terms added, at zero."""
     terms = model.terms | {t: 0.0 for t in fit.model.terms if t not in model.terms}
     covariance = np.zeros((len(terms),) * 2)
     covariance[:len(model.terms), :len(model.terms)] = model.covariance
@@ -263,7 +263,7 @@ def _with_held_terms(model, fit):
 
 
 def memory_findings(run, choice, fitted):
-    """A Finding where the same terms leave less if rows are taken to have no memory."""
+    """A Finding where the same terms have a smaller RMS if fitted with white noise."""
     keep = choice.fit.weights > 0.0
     plain = run.problem.plain.fit(choice.chosen, final=True)
     alone = exact_fit(run, choice.chosen, plain)

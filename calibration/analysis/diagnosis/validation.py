@@ -12,13 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Comparison on rows left out: cross-validation with the choice repeated.
+"""Nested cross-validation: the selection of effects is repeated in each fold.
 
-Something may be significant though these observations cannot test it: it is neither found nor
-absent. What is dropped because rows or runs that are left out are predicted worse is, as a rule, no
-effect of the mount. Where it carries most of the error, or where the declared model itself fails on
-what is left out, the runs are too few or too unequal to say so: without one of them the rest does
-not determine it.
+An effect dropped because it predicts held-out rows or runs worse is, as a rule, no effect of the
+mount. If it carries most of the error, or if the declared model itself fails on held-out rows, the
+runs are too few or too unequal for that conclusion: the other runs do not determine the effect.
+Then the effect is significant but untestable with these observations, and the verdict is undecided.
 """
 
 from collections import Counter
@@ -44,52 +43,51 @@ from ..finding import Finding
 from .alternatives import cause_counts, run_counts
 from .expected_error import ahead, expected_error
 
-#: partitions into folds over which the figure of rows left out at random is a mean: at least and at
-#: most; from `MANY` rows on, where a row more or less in a fold changes little, one at least
+#: smallest and largest number of random partitions over which the cross-validated RMS is averaged;
+#: from `MANY` rows on, where one row more or less in a fold changes little, at least one
 PARTITIONS, MOST_PARTITIONS, MANY = 2, 10, 250
-#: there are more while the standard error of the mean is above this part of it, or while what the
-#: effects gain is below so many of its standard errors (of one partition: below this part)
+#: partitions are added while the relative standard error of the mean exceeds `SPREAD`, or while the
+#: gain of the effects is below `_CLEAR` standard errors (one partition: below `SPREAD` of the RMS)
 SPREAD, _CLEAR = 0.03, 3.0
-#: rows of a fold, below which each row is left out alone: there is one such partition, and its
-#: figure does not hang on the seed (of 38 stars it scattered by 0.2 of 3" from one to the next)
+#: folds of at most this many rows are replaced by leave-one-out: that partition is unique, so the
+#: RMS does not depend on the seed (with 38 stars it scattered by 0.2 of 3" between partitions)
 _LEAST_ROWS = 4
 _IN = ('radial', 'x', 'y')
-#: part by which one axis may seem worse while the whole gains: from partition to partition the
-#: figure of the MMT's night differs by 0.4 %, that of the 8 m telescope by 3 %
+#: relative RMS increase allowed in one axis while the radial RMS improves: between partitions the
+#: RMS of the MMT's night differs by 0.4 %, that of the 8 m telescope by 3 %
 _WORSE = 0.02
-#: ... and of the squares that the whole gains, the part that an axis may lose: an effect of one
-#: axis gives its rows more weight in the terms that both share, which the other axis feels
+#: ... and the share of the improvement in squares that one axis may lose: an effect of one axis
+#: gives its rows more weight in the terms shared by both, which affects the other axis
 #: (a second flexure of 2.3": 2.74 to 1.43" on the sky, and 1.06 to 1.09" in azimuth)
 _LOST = 0.1
-#: RMS of rows left out over the noise floor, times what the fit's freedom makes of it (see
-#: `_expected_ratio`), from where the model fails there; where something was dropped besides, and
-#: where nothing was. On 150 clean nights each of 12, 16, 30 and 60 stars it was 1.5, 1.4, 1.1 and
-#: 1.0 at most.
+#: ratio of cross-validated RMS to the noise floor, relative to the ratio expected from the degrees
+#: of freedom (see `_expected_ratio`), above which the model fails: where effects were dropped, and
+#: where none were. On 150 clean nights each of 12, 16, 30 and 60 stars it was at most 1.5, 1.4,
+#: 1.1 and 1.0.
 _FAILS, _FAILS_ALONE = 1.3, 1.6
 
 
 @dataclass
 class CrossValidation:
-    """Cross-validated RMS, the choice repeated.
+    """Cross-validated RMS, with effects re-selected in each fold.
 
     Attributes
     ----------
     before, after : dict
         ``radial``, ``x``, ``y``: arcsec, the mean over partitions.
     left_out : ndarray, shape (2, n)
-        Residuals of rows left out, the choice repeated: the mean over partitions of their squares,
-        as its root, radians.
+        Cross-validated residuals: root mean square over partitions, radians.
     spread : dict or None
-        ``partitions``, and of the radial RMS after ``min_arcsec`` and ``max_arcsec``; of how many
-        ``folds``, with those of stretches, ``same_choice`` chose the same effects, ``no_choice``
-        none; and in how many each effect that was ``chosen``, and ``others``, the most frequent
-        first.
+        ``partitions``; ``min_arcsec`` and ``max_arcsec`` of the radial RMS after; number of
+        ``folds``, including contiguous ones, and in how many of them ``same_choice`` selected the
+        same effects and ``no_choice`` none; counts of folds for each effect of the result
+        (``chosen``) and for ``others``, most frequent first.
     cut : int or None
-        How many choices hold, where not all do.
+        Number of effects kept, if not all are.
     stretches : dict
-        ``before``, ``after``: radial RMS with stretches of time left out; ``before_x``, ...
+        ``before``, ``after``: radial RMS with folds contiguous in time; ``before_x``, ...
     chosen : list of list of Effect
-        What was chosen in each fold.
+        Effects selected in each fold.
     cautions : list of Finding
     """
 
@@ -105,29 +103,30 @@ class CrossValidation:
 
 def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None,
                     progress=None, chooser=choose, jobs=1):
-    """RMS of rows left out, without any effect and with the choice repeated in each fold.
+    """Cross-validated RMS, without effects and with effects re-selected in each fold.
 
     Parameters
     ----------
     run : RunProblem
     chosen : list of CandidateGroup
-        Of all rows.
+        Effects selected on all rows.
     remembers : bool
-        Whether rows that resemble their neighbours are taken as such in the fits.
+        Whether the fits model correlated noise.
     count : int
-        Folds.
+        Number of folds.
     alpha : float
     chance : Chance
         Of all rows.
     rng : numpy.random.Generator
     ways : int, optional
-        Partitions; by default until the mean is known to `SPREAD` and the gain is clear.
+        Number of partitions. By default partitions are added until the mean is known to `SPREAD`
+        and the gain is clear.
     progress : callable, optional
-        As of `diagnose`.
+        See `diagnose`.
     chooser : callable
-        What chooses in each fold, see `choose`.
+        Selects the effects in each fold, called as `choose`.
     jobs : int
-        Folds at a time, see `forked`.
+        Number of folds run in parallel, see `forked`.
 
     Returns
     -------
@@ -136,7 +135,7 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
     problem, words = run.problem, run.obs.run.mount.names.axes
     fits = problem if remembers else problem.plain
     keep = problem.plain.fit(chosen, final=True).weights > 0.0
-    if not chosen:  # the model stays as it was
+    if not chosen:  # no effects: before equals after
         ways = ways or (MOST_PARTITIONS if problem.n <= MANY else 1)
         partitions = [_folds_of_rows(problem, count, rng) for _ in range(ways)]
         squares = [np.square(cross_validate(fits, [], folds))
@@ -182,7 +181,7 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
 
 
 def _folds_of_rows(problem, count, rng):
-    """Rows left out at random, each alone where they are few; whole runs from 4 runs on."""
+    """Random folds; leave-one-out where rows are few; whole runs from 4 runs on."""
     groups = len(np.unique(problem.sequence.group))
     if not leaves_runs(problem) and groups <= _LEAST_ROWS * count:
         count = groups
@@ -190,17 +189,17 @@ def _folds_of_rows(problem, count, rng):
 
 
 def _only(problem, folds):
-    """Whether there is but one such partition: each run, or each group of rows, alone."""
+    """Whether the partition is unique: each run, or each group of rows, is one fold."""
     of = problem.sequence
     runs = len(np.unique(of.run))
     return len(folds) == runs > 1 or len(folds) == len(np.unique(of.group))
 
 
 def _repeated(problem, chosen, choices):
-    """How often the same effects were chosen, and each, and others, for `CrossValidation`."""
+    """Counts for `CrossValidation.spread`: how often each effect and other ones were selected."""
     every = [[c.effect(problem) for c in some] for some in choices]
     own = {c.effect(problem).line: c.effect(problem).name for c in chosen}
-    # in order: a set of names has another one in each process
+    # dict.fromkeys keeps the order: that of a set of names differs between processes
     counts = Counter(line for some in every for line in dict.fromkeys(e.line for e in some))
     others = {e.line: e.name for some in every for e in some if e.line not in own}
     return {'folds': len(choices),
@@ -212,12 +211,12 @@ def _repeated(problem, chosen, choices):
 
 
 def _first(squares, k):
-    """Of the first `k` choices of each fold; all where there are fewer."""
+    """Squares with the first `k` effects of each fold, or all where there are fewer."""
     return squares[min(k, len(squares) - 1)]
 
 
 def _figure(before, squares, keep):
-    """`CrossValidation` of squares, each (2, n), of several partitions."""
+    """`CrossValidation` from squared residuals, each of shape (2, n), of several partitions."""
     after = [_rms(one, keep) for one in squares]
     radial = [one['radial'] for one in after]
     return CrossValidation(before, _mean(after), np.sqrt(np.mean(squares, axis=0)), {
@@ -225,7 +224,7 @@ def _figure(before, squares, keep):
 
 
 def _by_runs(by_count, keep, chosen, words):
-    """With whole runs left out: all choices, or as many as predict them best."""
+    """Result with whole runs held out: all effects, or the number that predicts them best."""
     out = by_count[-1]
     if out.after['radial'] > out.before['radial']:
         cut = min(int(np.argmin([one.after['radial'] for one in by_count])), chosen)
@@ -239,7 +238,7 @@ def _by_runs(by_count, keep, chosen, words):
 
 
 def _by_rows(by_count, stretches, keep, chosen, words):
-    """With rows and stretches of time left out: all choices, or as many as do no harm there."""
+    """Result with random and contiguous folds: all effects, or the number that does no harm."""
     before, squares = stretches
     counts = range(max(len(by_count), len(squares)))
     rows = [_first(by_count, k) for k in counts]
@@ -266,7 +265,7 @@ def _by_rows(by_count, stretches, keep, chosen, words):
 
 
 def _unsure(parts, keep):
-    """Whether more partitions could change the figure, or whether the effects gain at all."""
+    """Whether more partitions are needed: the RMS is imprecise or the gain is not clear."""
     before, after = np.array([(one['radial'], _rms(squares[-1], keep)['radial'])
                               for one, squares in parts]).T
     gain = abs(np.mean(before - after))
@@ -277,24 +276,25 @@ def _unsure(parts, keep):
 
 
 def _worse(what, before, after, surely, words=ALTAZ.names.axes):
-    """Where the whole is predicted worse, or an axis of those in `surely`, and that for no gain.
+    """Find where the radial RMS is worse, or an axis in `surely` without a matching radial gain.
 
     Parameters
     ----------
     what : str
-        What was left out.
+        What was held out.
     before : sequence of dict
-        RMS without any effect, and with fewer of them than `after`.
+        RMS without effects, and with fewer effects than `after`.
     after : dict
     surely : set of str
-        Of `_surely`.
+        Result of `_surely`.
     words : sequence of str
-        The axes.
+        Names of the axes.
 
     Returns
     -------
     dict
-        Of a Finding: `what`, RMS before and after, and the axis; empty where nothing is worse.
+        Arguments of a Finding: `what`, RMS before and after, and the axis; empty if nothing is
+        worse.
     """
     without = before[0]
     for axis in _IN:
@@ -308,9 +308,9 @@ def _worse(what, before, after, surely, words=ALTAZ.names.axes):
 
 
 def _surely(before, after):
-    """Axes that squares, shape (2, n), of the same rows show worse by more than their scatter.
+    """Axes in which paired squared residuals, shape (2, n), grow by more than one standard error.
 
-    Of 40 rows an axis that an effect does not touch differs by 3 % by chance.
+    With 40 rows an axis that an effect does not touch differs by 3 % by chance.
     """
     more = after - before
     scatter = more.std(axis=1, ddof=1) / np.sqrt(more.shape[1])
@@ -318,7 +318,7 @@ def _surely(before, after):
 
 
 def _rms(squares, keep):
-    """Of squared residuals, shape (2, n), rad^2."""
+    """RMS, arcsec, of squared residuals, shape (2, n), rad^2."""
     x, y = (float(np.sqrt(np.mean(one[keep]))) / ARCSEC for one in squares)
     return {'radial': float(np.hypot(x, y)), 'x': x, 'y': y}
 
@@ -329,7 +329,7 @@ def _mean(entries):
 
 def nested(problem, folds, alpha, rng, remembers=False, flips=NESTED_FLIPS, whole=None, done=None,
            chooser=choose, jobs=1):
-    """As `cross_validate`, with the whole choice repeated without each fold.
+    """Cross-validate as `cross_validate` does, repeating the whole selection in each fold.
 
     Parameters
     ----------
@@ -338,28 +338,27 @@ def nested(problem, folds, alpha, rng, remembers=False, flips=NESTED_FLIPS, whol
     alpha : float
     rng : numpy.random.Generator
     remembers : bool
-        As of `cross_validated`.
+        See `cross_validated`.
     flips : int
     whole : Chance, optional
         Of all rows.
     done : callable, optional
         Called after each fold.
-    chooser : callable
-    jobs : int
-        As of `cross_validated`.
+    chooser, jobs
+        See `cross_validated`.
 
     Returns
     -------
     residual : ndarray, shape (k + 1, 2, n)
-        Radians: with the first 0, 1, ... k choices of each fold; k is the most that one has, and
-        a fold that has fewer takes all of its own.
+        Radians, with the first 0, 1, ... k effects of each fold, where k is the largest number
+        selected in any fold; a fold with fewer uses all it has.
     choices : list of list of CandidateGroup
-        Of each fold.
+        Effects selected in each fold.
     """
     everything = np.arange(problem.n)
 
     def without(fold):
-        # all that is random is drawn here, in order, whoever does the work
+        # random numbers are drawn here, in order, so that the result does not depend on `jobs`
         part = problem.part(np.setdiff1d(everything, fold))
         chance = Chance(part.n, flips, rng, whole, part.sequence.group)
         partitions = partitions_of(part, FEW_FOLDS, rng)
@@ -383,20 +382,20 @@ def nested(problem, folds, alpha, rng, remembers=False, flips=NESTED_FLIPS, whol
 
 
 def add_errors(result, found, run, choice, errors, rng):
-    """Put the figures of rows left out into a result.
+    """Store the cross-validated errors in a result.
 
     Parameters
     ----------
     result : Diagnosis
     found : list of DiagnosedEffect
-        Of the choice, which are in the result.
+        The effects of the choice in the result.
     run : RunProblem
     choice : ModelChoice
     errors : CrossValidation
     rng : numpy.random.Generator
     """
     problem = run.problem
-    if not choice.chosen:  # the model stays as it was
+    if not choice.chosen:  # no effect is left: before equals after
         errors.before, errors.stretches = errors.after, {
             key: errors.stretches[key.replace('before', 'after')] for key in errors.stretches}
     for entry, gain in zip(found, choice.gains):
@@ -419,17 +418,17 @@ def add_errors(result, found, run, choice, errors, rng):
 
 
 def mark_undecided(result, dropped, delta_bic):
-    """Take back a verdict of ``none`` that the observations cannot support, in place.
+    """Change, in place, a verdict of ``none`` that the observations cannot support.
 
     Parameters
     ----------
     result : Diagnosis
         With its cross-validated RMS.
     dropped : list of str
-        Names of what was beyond chance and given up on rows or runs left out.
+        Names of the effects that were significant but dropped by cross-validation.
     delta_bic : float
-        Of the best candidate on what the base leaves: from n ln 2 on it takes away half of the
-        variance of an axis.
+        BIC gain of the best candidate on the residuals of the base. A gain of n ln 2 halves the
+        variance of one axis.
     """
     cv, floor = result.before['cv_rms_arcsec'], result.noise_floor_arcsec
     if result.verdict != 'none' or cv is None:
@@ -448,5 +447,5 @@ def mark_undecided(result, dropped, delta_bic):
 
 
 def _expected_ratio(left, floor):
-    """What cross-validation adds to the noise of a fit that leaves `left` of it, generously."""
+    """Upper estimate of cross-validated RMS / `floor`, for a fit with RMS `left`."""
     return float(np.sqrt(1.0 + 4.0 * ((floor / left)**2 - 1.0))) if left > 0.0 else 1.0
