@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Readings of a run with another clock or another site: what its places would be then."""
+"""Readings of a run with another clock or site: catalogue positions recomputed for them."""
 
 from dataclasses import dataclass, replace
 
@@ -24,7 +24,7 @@ from pointing_model.sky.places import sidereal_time
 
 from .readings import Places
 
-#: hours that clocks of the zones differ from UTC by, beside whole and half ones
+#: time zone offsets from UTC that are no whole or half hours, h
 _ODD_ZONES = (5.75, 8.75, 12.75, 13.75)
 _LARGEST_ZONE = 14.0
 _TIMES, _SITE = 'times', 'site'
@@ -33,21 +33,21 @@ _SET_SITE = 'set the site right'
 
 @dataclass(frozen=True, eq=False)
 class MovedRun:
-    """The run as written, with catalogue places at another time or site.
+    """The run as written, with catalogue positions for another time or site.
 
     Attributes
     ----------
     sentence : str
-        What is mistaken.
+        The mistake.
     kind : {'times', 'site'}
     advice : str
-        What to do then.
+        What to do.
     az, el : ndarray, shape (n,)
-        Catalogue places, radians; NaN where there is none.
+        Catalogue positions, radians; NaN where there is none.
     mount : Mount
-        At that site.
+        The mount at that site.
     turn : ndarray, shape (n,)
-        By which hour angles of the mount are others, that were made by the clock; radians.
+        Correction of the mount's hour angles that were computed with the clock, radians.
     """
 
     sentence: str
@@ -62,7 +62,7 @@ class MovedRun:
     offsets, exchanged, given = '', False, ''
 
     def places(self, az, el, az_enc, el_enc, held=False, **clock):
-        """As `Reading.places`; what is of the catalogue counts no more."""
+        """Like `Reading.places`, but the catalogue positions as written are not used."""
         reach = np.cos(self.el)
         if held:
             x = wrap(az_enc - az) * np.cos(el)
@@ -71,12 +71,12 @@ class MovedRun:
         return Places(self.az, self.el, az_enc + self.turn, el_enc, np.abs(reach))
 
     def text(self, zero=0.0, names=None):
-        """For people."""
+        """Description for users."""
         return self.sentence
 
 
 def other_places(rows):
-    """Every other clock and site that a run may have.
+    """All other clocks and sites that are tried for a run.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _zones():
 
 
 def _clock(hours):
-    """What is mistaken, kind and advice of a clock so far ahead of UTC."""
+    """Mistake, kind and advice for a clock this many hours ahead of UTC."""
     minutes, size = round(60.0 * abs(hours)), f'{abs(hours):g} hour' + 's' * (abs(hours) != 1.0)
     zone = f'{"+" if hours > 0.0 else "-"}{minutes // 60:02d}:{minutes % 60:02d}'
     return (f'a clock {size} {"ahead of" if hours > 0.0 else "behind"} UTC (local time?)', _TIMES,
@@ -113,7 +113,7 @@ def _clock(hours):
 
 
 def _sites(site):
-    """Sites that this one may be mistaken for."""
+    """Sites with exchanged coordinates or wrong signs."""
     lat, lon = site.latitude, float(wrap(site.longitude))
     yield 'the longitude with the other sign', replace(site, longitude=-lon)
     yield 'the latitude with the other sign', replace(site, latitude=-lat)
@@ -124,7 +124,7 @@ def _sites(site):
 
 
 def _of_stars(rows, text, kind, advice, site, hours=0.0):
-    """The run with the places of its stars seen from a site, `hours` earlier than its clock."""
+    """The run with its stars as seen from a site, `hours` earlier than its clock."""
     solved = rows.solved
     there = np.isin(rows.line, solved.lines)
     if not there.any():

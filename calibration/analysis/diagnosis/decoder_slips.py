@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Readings that are whole bars of a disc or lines of a grating off."""
+"""Decoder slips: encoder readings off by whole bars of a disc or lines of a grating."""
 
 import numpy as np
 
@@ -22,30 +22,30 @@ from msg_tools.units import ARCSEC
 from pointing_model.effects import period_of
 from pointing_model.effects.base import AXES
 
-_FARTHEST = 30  # bars or lines that a slip goes, at most
-_DRAWS = 19999  # outliers anywhere, behind the chance of slips
+_FARTHEST = 30  # largest slip, bars or lines
+_DRAWS = 19999  # simulations of uniformly distributed outliers for a p-value
 
 
 def decode_slips(obs, fit, alpha):
-    """Gross outliers that are whole bars of the disc or lines of the grating off.
+    """Find gross outliers that are whole bars of the disc or lines of the grating off.
 
-    Looked for where the graduation is declared and the encoder's own reading is known. A gross
-    outlier can be near a multiple of a line by chance, and the finer the lines the sooner: the
-    likelihood ratio of "each other outlier of this axis is a slip" to "they lie anywhere between
-    two lines" is compared with what outliers anywhere give. Those that miss count against it.
+    The graduation must be declared and the raw encoder reading known. A gross outlier can be near a
+    multiple of a line by chance, the more easily the finer the lines. So the likelihood ratio of
+    "half of the outliers of this axis are slips" to "all are uniform between two lines" is compared
+    with simulated uniform outliers. Outliers that miss a line count against slips.
 
     Parameters
     ----------
     obs : Observations
     fit : WeightedFit
-        Of the base.
+        Fit of the base.
     alpha : float
-        Chance of any slip among outliers that are none, over all graduations and axes.
+        Probability of reporting any slip if there are none, over all graduations and axes.
 
     Returns
     -------
     list of (str, str, ndarray of int, ndarray of int, float)
-        Axis, graduation, rows (places in `obs`), multiples, chance.
+        Axis, graduation, rows (indices in `obs`), multiples, p-value.
     """
     graduation = obs.context.graduation
     tests = [(kind, axis, i) for kind in ('bars', 'grating') for i, axis in enumerate(AXES)
@@ -66,7 +66,7 @@ def decode_slips(obs, fit, alpha):
         if not tried.any():
             continue
         off = np.abs(raw[i] - multiple * period)
-        # a slip of this axis leaves the other one where it was, unless that has slipped too
+        # a slip of this axis does not move the other one, unless that has slipped too
         clean = ~gross[1 - i] | taken[1 - i]
         chance = min(len(tests) * _chance_of_slips(
             np.where(clean, off, 0.5 * period)[tried], noise[i][tried], period), 1.0)
@@ -79,16 +79,17 @@ def decode_slips(obs, fit, alpha):
 
 
 def _chance_of_slips(off, noise, period):
-    """How often outliers anywhere between two lines are so near to lines.
+    """P-value: how often outliers uniform between two lines are as close to lines as these.
 
     Parameters
     ----------
     off, noise : ndarray, shape (k,)
         Distance from the nearest line, and its standard deviation, radians.
     period : float
+        Distance between two lines, radians.
     """
     def ratio(distance):
-        # of densities, half of the outliers being slips; noise beyond a line tells nothing
+        # log-likelihood ratio with half of the outliers slips; none if noise exceeds a line
         slip = period / (np.sqrt(2.0 * np.pi) * noise) * np.exp(-0.5 * (distance / noise)**2)
         return np.log(0.5 + 0.5 * slip).sum(axis=-1)
 

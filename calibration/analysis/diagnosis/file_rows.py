@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The four columns of a run as its file has them, for the check of what they are."""
+"""The four columns of a run as written in its file, for the check of the columns."""
 
 from pathlib import PurePath
 
@@ -22,9 +22,9 @@ from pointing_model.context import Context
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.sky.places import SIDEREAL
 
-ROWS = 600  # that are tried, evenly: more tell nothing else
-_SOME = 20 * ROWS  # that are looked at for numbers
-_SAME = 1e-7  # of sines of angles
+ROWS = 600  # rows checked, evenly spaced: more would not change the result
+_SOME = 20 * ROWS  # rows from which these are taken
+_SAME = 1e-7  # largest difference of sines of equal angles
 
 
 class FileRows:
@@ -33,33 +33,33 @@ class FileRows:
     Parameters
     ----------
     run : PointingRun
-        With ``meta['as_written']`` where a reader of files made it.
+        With ``meta['as_written']`` if read from a file.
     encoder : {'enc', 'abs'}
 
     Attributes
     ----------
     where : str
-        What a message begins with: the name of the file.
+        Prefix of messages: the name of the file.
     mount : Mount
     solved : Solved or None
-        Places among the stars that those of the catalogue were made of.
+        Celestial positions from which the catalogue angles were computed.
     reads_by_clock : bool
-        Hour angles of the mount were made of its right ascensions and the time.
+        Whether the hour angles of the mount were computed from its right ascensions and the time.
     held : bool
-        Offsets on the sky came in place of readings.
+        Whether the file has on-sky offsets in place of encoder angles.
     rows_used, misplaced : int
-        Rows of the run, and those that its reader left out for their place.
+        Number of rows of the run, and of rows that its reader excluded for their position.
     columns : list of ndarray, shape (n,)
-        Places and readings, radians, before rows are placed beyond the pole.
+        Catalogue and encoder angles, radians, before rows are moved beyond the pole.
     beyond : ndarray of bool, shape (n,), or None
         Rows that a column of the file places beyond the pole.
     label : ndarray of int, shape (n,)
-        Number of the run of each row.
+        Run index of each row.
     line : ndarray of int, shape (n,)
     sidereal : bool
-        `lst` is of the site.
+        Whether `lst` is the local sidereal time of the site.
     lst : ndarray, shape (n,), or None
-        Sidereal time, radians, with a zero of its own.
+        Sidereal time, radians; its zero is unknown unless `sidereal`.
     """
 
     def __init__(self, run, encoder='enc'):
@@ -85,7 +85,7 @@ class FileRows:
 
 
 def _written(run, encoder):
-    """Rows as the file has them, and the place of each in the run, or -1."""
+    """Rows as written in the file, and the index of each in the run, or -1."""
     names = (f'az_{encoder}', f'el_{encoder}')
     written = run.meta.get('as_written')
     if written is not None and set(names) <= set(written):
@@ -100,14 +100,14 @@ def _written(run, encoder):
     some = _evenly(len(run), _SOME)
     columns = {name: np.asarray(run[name][some], float) for name in ('az', 'el', *names)}
     beyond = is_beyond(columns['el'])
-    if not run.mount.vertical or beyond.any():  # places as they are on the sky
+    if not run.mount.vertical or beyond.any():  # convert axis angles to positions on the sky
         columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
     return {**columns, 'line': run.lines[some], 'misplaced_rows': 0,
             'misplaced': np.zeros(len(some), bool)}, some
 
 
 def _same_readings(run, written, place, names):
-    """Whether the run still has the readings of the file, on whichever side of the pole."""
+    """Whether the run still has the encoder angles of the file, on either side of the pole."""
     used = place >= 0
     az, el = (np.asarray(run[name], float)[place[used]] for name in names)
     away = np.concatenate((np.cos(2.0 * az) - np.cos(2.0 * written[names[0]][used]),
@@ -117,7 +117,7 @@ def _same_readings(run, written, place, names):
 
 
 def _labels(run, place):
-    """Number of the run of each row; of those left out the most usual one."""
+    """Run index of each row; excluded rows get the most frequent one."""
     if 'run' not in run or not len(run):
         return np.zeros(len(place), int)
     label = np.unique(run['run'], return_inverse=True)[1]
@@ -126,7 +126,7 @@ def _labels(run, place):
 
 
 def _clock(run, written, place, some):
-    """Sidereal time where each row has one, else None, and whether it is that of the site."""
+    """Sidereal time if all rows have one, else None, and whether it is that of the site."""
     lst = None
     if len(run) and (place[some] >= 0).all():
         lst = Context.from_run(run).get('lst')

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Runs held out: what the model of a diagnosis leaves of nights that it has not seen."""
+"""Held-out runs: residuals of the model of a diagnosis on nights it was not fitted to."""
 
 from dataclasses import replace
 from pathlib import PurePath
@@ -32,24 +32,24 @@ from ..finding import Finding
 from .observations import observations, run_name
 from .reading_fits import MOST_LEFT_OUT
 
-#: times the scatter of the others from where a night held out is bad: of 67 nights of one
-#: telescope in six years, seven terms fitted to each, 61 leave less than 1.5 times their median
-#: and 64 less than 2 times
+#: ratio to the scatter of the other nights above which a held-out night is bad: of 67 nights of
+#: one telescope in six years, seven terms fitted to each, 61 have a scatter below 1.5 times the
+#: median and 64 below 2 times
 BAD_NIGHT = 2.0
-#: standard errors of the mean by which squares of one night are larger with the effects than
-#: without, from where it contradicts them
+#: a night contradicts the effects if its mean square grows with them by more than this many
+#: standard errors
 _CONTRADICTS = 3.0
-#: driver that never comes again: what follows it in one night tells nothing of another
+#: driver that never repeats: its effect in one night predicts nothing for another
 _CLOCK = 'time'
-#: parameters of what follows it so: a drift, a jump (no wave)
+#: parameters that mark such an effect: a drift or a jump, not a wave
 _OF_THEN = {'within', 'at'}
 
 
 def hold_out(runs, result, own_terms, encoder='enc'):
-    """Put the radial RMS on left-out runs, without and with the effects, into a result.
+    """Store the radial RMS on held-out runs, without and with the effects, in a result.
 
-    The model stays as it is but for `own_terms`, which each run refits robustly on its own rows:
-    so does an observer on a new night.
+    The model is unchanged except for `own_terms`, which are refitted robustly to each run, as an
+    observer does on a new night.
 
     Parameters
     ----------
@@ -86,15 +86,15 @@ def hold_out(runs, result, own_terms, encoder='enc'):
 
 
 def _judged(obs, result):
-    """Rows that judge the effects: where a driver is not known, an effect counts as zero.
+    """Select the rows that can test the effects: an effect is zero where its driver is unknown.
 
     Returns
     -------
     rows : ndarray of bool, shape (n,)
     partly : set of int
-        Numbers of the runs that cannot judge some effect: of those the others are judged.
+        Indices of the runs that cannot test some effect; they test the other effects.
     blind : list of Finding
-        Which effects, and why.
+        The untested effects, and why.
     """
     rows, partly, blind = np.ones(len(obs), bool), set(), {}
     effects, fitted = result.model.effects, result.observations.context.get(_CLOCK)
@@ -116,7 +116,7 @@ def _judged(obs, result):
 
 
 def _lost(found, context, fitted):
-    """Rows in which an effect is not known, or stands still because its time is over."""
+    """Rows in which an effect is unknown, or held constant outside the time it was fitted to."""
     lost, time = found.unknown(context), context.get(_CLOCK)
     if _CLOCK in found.effect.requires and time is not None and not _OF_THEN.isdisjoint(
             found.effect.parameters):
@@ -126,7 +126,7 @@ def _lost(found, context, fitted):
 
 
 def _why(found, context, rows):
-    """Name of an effect, the driver that is not known and its column; '' where it is the time."""
+    """Name of an effect, its missing driver and the column of that; '' where it is the time."""
     lost = [name for name in found.effect.requires if context.get(name) is None
             or np.mean(~np.isfinite(context.get(name)[rows])) > MOST_LEFT_OUT]
     driver, names = lost[0] if lost else _CLOCK, context.mount.names
@@ -144,7 +144,7 @@ def _left_out(obs):
 
 def _refit(obs, model, own_terms):
     az, el = obs.context.az, obs.context.el
-    # the effects by the drivers of the whole run: a row may have one from the row before
+    # evaluate effects on the whole run: some drivers of a row come from the row before
     b = obs.observed - np.nan_to_num(np.concatenate(replace(model, effects=()).offsets(az, el))) \
         - np.concatenate(total(model.effects, obs.context))
     own = stacked_design(tuple(own_terms), az, el, obs.run.mount)
@@ -153,30 +153,31 @@ def _refit(obs, model, own_terms):
 
 
 def nights_held_out(obs, left, kept, result, partly=()):
-    """Each run held out for itself, and whether it is bad.
+    """Residuals of each held-out run, and whether it is a bad night.
 
-    A night is bad whose robust scatter is `BAD_NIGHT` times that which the others have, with the
-    run that was fitted as one of them, or of which more than a third are outliers. It is not where
-    it scatters so with the effects alone, or contradicts them, or cannot judge them all.
+    A night is bad if its robust scatter exceeds `BAD_NIGHT` times the median of the other nights
+    (the fitted run included), or if more than a third of its rows are outliers. It is not bad if it
+    scatters so only with the effects, contradicts them, or cannot test them all.
 
     Parameters
     ----------
     obs : Observations
-        Of the runs held out.
+        The held-out runs.
     left : sequence of ndarray, shape (2, n)
-        What the model leaves there without and with the effects, radians.
+        Residuals without and with the effects, radians.
     kept : ndarray of bool, shape (n,)
-        No outliers.
+        Rows that are not outliers.
     result : Diagnosis
     partly : set of int
-        Labels of runs that cannot judge all effects.
+        Labels of runs that cannot test all effects.
 
     Returns
     -------
     list of dict
         ``run``, ``rows``, ``set_aside``, ``before`` and ``after`` (``rms_arcsec``,
-        ``rms_x_arcsec``, ``rms_y_arcsec`` of all its rows), ``bad``: None, or ``times`` the
-        others' scatter in ``x`` and ``y``; and ``contradicts``, whether the effects make it worse.
+        ``rms_x_arcsec``, ``rms_y_arcsec`` of all its rows), ``bad`` (None, or the ratio of its
+        scatter to that of the others in ``x`` and ``y``) and ``contradicts`` (whether the effects
+        make it worse).
     """
     labels = np.unique(obs.label)
     typical = np.array([min((_scatter(one[:, obs.label == label]) for one in left),
@@ -199,7 +200,7 @@ def nights_held_out(obs, left, kept, result, partly=()):
 
 
 def _contradicts(before, after):
-    """Whether residuals, shape (2, n), are larger with the effects by more than chance."""
+    """Whether residuals, shape (2, n), are significantly larger with the effects."""
     more = np.square(after).sum(axis=0) - np.square(before).sum(axis=0)
     return bool(len(more) > 2 and more.mean() > _CONTRADICTS * more.std(ddof=1) / len(more)**0.5)
 

@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model that is to predict other stars of a mount, by whatever does, and names no cause.
+"""Predictive model: predicts other stars of a mount as well as possible, and names no cause.
 
-Beside the terms are the effects of the dictionary, steps of the zeros between rows, and zeros that
-change slowly; `estimation.predictor` has the ways in which they are taken, and mixes these by
-blocks of time left out. Its figures are those of rows left out, with all of it repeated.
+In addition to the terms it uses the effects of the dictionary, steps of the zeros between rows, and
+slowly changing zeros. `estimation.predictor` fits several models with them, and averages these with
+weights from cross-validation on blocks of time. All reported errors are cross-validated, with the
+whole procedure repeated in each fold.
 """
 
 from dataclasses import dataclass, replace
@@ -53,54 +54,55 @@ from .base_terms import Base
 from .observations import mount_of, observations
 from .run_problem import effect_bank
 
-#: forms that no prediction rests on: tan E has no bounds near the pole, where there are no rows;
-#: turns of a mount are those of that run
+#: forms not used to predict: tan E is unbounded near the pole, where there are no rows; the turns
+#: that wind up a cable are specific to a run
 _FOR_A_CAUSE = ('off_axis', 'cable_drag')
 FOLDS = 10
-#: squared part of a column that the terms do not explain: less is rounding
+#: smallest squared share of a column not explained by the terms: less is rounding error
 _DISTINCT = 1e-6
-#: rows more than terms, at least
+#: fewest rows in excess of the number of terms
 _MORE_ROWS = 4
-#: knots of a slow change, and its memory over the length of the run
+#: largest number of knots of a slow change, and its correlation time relative to the run length
 _KNOTS, _MEMORY = 40, 0.05
-#: drivers that go on after the run
+#: drivers that keep growing after the run
 _CLOCKS = ('time', 'order', 'run_hours')
-#: a sky of directions: lowest, highest, and how many
+#: grid over the sky: lowest and highest elevation, number of directions
 _LOW, _HIGH, _SKY = 15.0 * DEG, 88.0 * DEG, 400
-#: times the error of a new star: effects that were not found, but may be, are kept from there on
+#: if nothing beyond the terms was found, effects are kept only if they raise the standard error of
+#: a new star by at least this factor
 _ADDED = 1.05
-#: part of the RMS of a diagnosis, below which prediction is said to do better
+#: prediction is reported as better if its RMS is below this times that of the diagnosis
 _BETTER = 0.95
-#: part of the sky in which a prediction is said to carry least
+#: quantile of the standard error over the sky that is reported as its poorly known part
 _LEAST_KNOWN = 0.9
 
 
 @dataclass
 class PredictiveModel:
-    """A model that is to predict, and how well it does.
+    """A predictive model and its cross-validated errors.
 
     Attributes
     ----------
     model, base_model : PointingModel
-        What predicts best, and the terms alone.
+        The best predictor, and the terms alone.
     found : Predictor
     fitted : Rms
-        arcsec, of all rows of the run, outliers too.
+        Fit RMS of all rows of the run, with outliers, arcsec.
     blocks_before, blocks : Rms or None
-        arcsec, of all rows, each predicted without its block of time, all repeated: by the terms
-        alone, by what was found.
+        Cross-validated RMS of all rows on contiguous blocks of time, for the terms alone and for
+        the model, arcsec.
     before, after : list of Rms
-        The same of rows left out at random, of each way to do so.
+        The same on random folds, one for each partition.
     rows : int
     parts : list of dict
-        ``name``, ``columns``, ``rms_arcsec``, ``moves``: what each effect of the model does to the
-        rows beyond the terms, the largest first, and whether it does not follow the direction.
+        Contribution of each effect beyond the terms, largest first: ``name``, ``columns``,
+        ``rms_arcsec``, ``moves`` (whether it depends on anything but the direction).
     reach : dict
-        ``noise_x_arcsec``, ``noise_y_arcsec`` of a star; ``among_arcsec`` and ``least_arcsec``: the
-        radial standard error of a new star, median among the rows, and from which on it is in the
-        least known tenth of the sky.
+        ``noise_x_arcsec``, ``noise_y_arcsec`` of a star; the radial standard error of a new star:
+        ``among_arcsec``, its median over the rows, and ``least_arcsec``, its 90 % quantile over
+        the sky.
     timed : bool
-        Whether rows have times; else what moves goes by their order.
+        Whether rows have times; otherwise changes are modelled by row order.
     """
 
     model: PointingModel
@@ -129,7 +131,7 @@ class PredictiveModel:
         return out
 
     def findings(self):
-        """What people should know, a list of Finding."""
+        """Findings for users, list of Finding."""
         found, largest = self.found, [part['name'] for part in self.parts[:4]]
         out = [Finding('prediction', found.gain, found.gain_sigma, '',
                        before=self.blocks_before and self.blocks_before.radial,
@@ -144,12 +146,12 @@ class PredictiveModel:
 
 
 class _Columns:
-    """Effects that may predict, and their columns, scaled to what they add to the terms."""
+    """Candidate effects and their columns, scaled by their RMS beyond the terms."""
 
     def __init__(self, obs, base):
         context, names = obs.context, obs.context.mount.names
         known, _ = dictionary(context, [t for t in names.physical if t not in base.terms], base.own)
-        # what is tried at many places is for a cause: as columns they are as many as rows
+        # exclude scanned effects: they are for finding causes, and have as many columns as rows
         known = [_held(e, context) for e in known
                  if e.share == 'dictionary' and e.form not in _FOR_A_CAUSE
                  and not e.driver.startswith('reading')]
@@ -170,14 +172,14 @@ class _Columns:
         own = np.square(weighed).sum(axis=1)
         left = np.square(weighed - (weighed @ basis.T) @ basis).sum(axis=1)
         mean = np.sqrt(left / np.square(given).sum() * 2.0)
-        # what the knots of a slow change leave open is no column of the rows
+        # the variance between the knots of a slow change has no column in the design
         slow_left = np.array([c == 'left' for e in self.effects for c in e.coefficient_names])
         self.scale = np.where(kind == SLOW, 1.0, 1.0 / np.where(mean > 0.0, mean, 1.0))
         self.keep = (left > _DISTINCT * own) & (own > 0.0) & ~slow_left
         self.kind, self.axis, self.columns, self.terms = kind, axis, columns, terms
 
     def problem(self, obs, left):
-        """The `PredictionProblem` of offsets that exact rotations leave, in arcsec."""
+        """`PredictionProblem` for the residuals of exact rotations, in arcsec."""
         keep, sequence = self.keep, obs.sequence
         order = np.empty(len(obs))
         order[sequence.order] = np.arange(len(obs))
@@ -188,7 +190,7 @@ class _Columns:
             sequence.group)
 
     def fitted(self, found, p):
-        """`FittedEffect` of each effect that takes part, and the joint covariance, rad^2."""
+        """`FittedEffect` of each effect used, and the joint covariance, rad^2."""
         values, sizes = np.zeros(len(self.keep)), np.concatenate((np.ones(p), self.scale))
         values[self.keep] = found.coefficients[p:]
         values *= self.scale
@@ -198,7 +200,7 @@ class _Columns:
         joint *= sizes[:, None] * sizes * ARCSEC**2
         for one in np.flatnonzero((self.kind == SLOW) & ~self.keep):
             same = p + np.flatnonzero((self.effect == self.effect[one]) & self.keep)
-            if len(same):  # the prior: where there are no rows the knots have it, too
+            if len(same):  # the prior variance, which knots far from any row have, too
                 joint[p + one, p + one] = joint[same, same].max()
         sigma, out, order = np.sqrt(np.maximum(np.diag(joint), 0.0)), [], list(range(p))
         for i, e in enumerate(self.effects):
@@ -210,7 +212,7 @@ class _Columns:
 
 
 def _held(one, context):
-    """An effect as it is; of what goes with the clock one that stays where the run ends."""
+    """The effect itself; a drift with a clock is held constant outside the run."""
     if one.form != 'drift' or one.driver not in _CLOCKS:
         return one
     values = context.span(one.driver)[0]
@@ -219,7 +221,7 @@ def _held(one, context):
 
 
 def _slow_zeros(context, label):
-    """Effects of zeros that change slowly; none where the order of rows of several runs is all."""
+    """Effects of slowly changing zeros; none where several runs have only the order of rows."""
     driver, _ = clock(context)
     values, reason = context.span(driver)
     if reason or (driver == 'order' and len(np.unique(label)) > 1) or len(np.unique(values)) < 6:
@@ -231,7 +233,7 @@ def _slow_zeros(context, label):
 
 
 def prediction_problem(obs, base):
-    """The `PredictionProblem`, its columns, and the rotations that it starts from."""
+    """The `PredictionProblem`, its columns, and the terms of the initial rotations."""
     if len(obs) < len(base.terms) + _MORE_ROWS:
         raise ValueError(f'{len(obs)} usable observations are too few to predict with '
                          f'{len(base.terms)} terms; observe more, fit fewer terms, or leave out '
@@ -242,18 +244,18 @@ def prediction_problem(obs, base):
 
 
 def better_prediction(run, rms):
-    """Whether a model to predict does better than a diagnosis, found at the price of one fit.
+    """Check, at the cost of one fit, whether a predictive model does better than a diagnosis.
 
     Parameters
     ----------
     run : RunProblem
     rms : float
-        Radial, of the diagnosis in stretches of time left out, without outliers, arcsec.
+        Radial RMS of the diagnosis, cross-validated on contiguous folds, without outliers, arcsec.
 
     Returns
     -------
     list of Finding
-        None where it does not, or where runs have terms of their own or rows were drawn.
+        Empty if it does not, or if runs have separate terms or only a sample of rows was searched.
     """
     obs, base = run.obs, run.base
     if base.own or base.degree or obs.whole or len(obs) < len(base.terms) + _MORE_ROWS:
@@ -267,19 +269,19 @@ def better_prediction(run, rms):
 
 
 def predictive_model(runs, base='physical', *, encoder='enc', seed=0, folds=FOLDS, ways=1):
-    """Find what predicts other stars of the mount.
+    """Fit the model that best predicts other stars of the mount.
 
     Parameters
     ----------
     runs : PointingRun or sequence of PointingRun
     base : str
-        What the model has anyway, see `Base.parse`.
+        Terms that are always in the model, see `Base.parse`.
     encoder : {'enc', 'abs'}
     seed : int
-        Of the folds: that of each way is one more.
+        Seed of the first random partition; each further one adds 1.
     folds : int
     ways : int
-        Ways to leave rows out at random; 0: none, and no blocks either.
+        Number of random partitions; 0: no cross-validation, neither random nor in blocks.
 
     Returns
     -------
@@ -326,7 +328,7 @@ def predictive_model(runs, base='physical', *, encoder='enc', seed=0, folds=FOLD
 
 
 def _terms_alone(model, found, context):
-    """The terms, without effects of zero, if these add nothing to the errors on the sky."""
+    """Drop effects with zero coefficients if they hardly raise the standard error on the sky."""
     own = found.terms_covariance * ARCSEC**2
     alone = replace(model, covariance=own, effects=(), joint=None)
     with_effects, without = (_reach(m, context)['least_arcsec'] for m in (model, alone))
@@ -334,7 +336,7 @@ def _terms_alone(model, found, context):
 
 
 def _parts(model, context, terms):
-    """What each effect does to the rows beyond the terms, the largest first."""
+    """RMS contribution of each effect beyond the terms, largest first."""
     out = []
     for e in model.effects:
         offsets = np.ravel(e.offsets(context))
@@ -347,14 +349,14 @@ def _parts(model, context, terms):
 
 
 def _reach(model, context):
-    """How large the standard error of a new star is, among the rows and over the sky."""
+    """Standard error of a new star, among the rows and over the sky."""
     noise = np.array(model.provenance['star_noise_arcsec']) * ARCSEC
 
     def radial(az, el, where):
         sx, sy = model.sigma(az, el, where)
         return np.sqrt(sx**2 + sy**2 + noise @ noise) / ARCSEC
 
-    # evenly over the sky, in the middle of the run
+    # directions spread evenly over the sky, with the median drivers of the run
     i = np.arange(_SKY) + 0.5
     el = np.arcsin(np.sin(_LOW) + (np.sin(_HIGH) - np.sin(_LOW)) * i / _SKY)
     az = np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The terms of a mount fitted to the rows of a file in other readings than as they are written."""
+"""Fits of the mount terms to the rows of a file under other readings of its columns."""
 
 from dataclasses import dataclass, replace
 
@@ -28,51 +28,52 @@ from pointing_model.runs.run import PointingRun
 
 from .readings import Reading, in_range
 
-#: part of the rows that may lie where no telescope looks, and part that may be left out of a
-#: diagnosis that claims an effect
+#: largest share of rows that may lie where no telescope points, and largest share of rows that may
+#: be missing from a diagnosis that claims an effect
 MOST_LEFT_OUT = 1.0 / 3.0
-TAU = 3.0  # standard deviations, from where a residual counts no more
-FEW = 6  # rows that fits of seven terms begin with
-_TRIED = 16  # readings with two mistakes, of many that are alike at first sight
-_CLOCKS = 4  # of other clocks and sites
-_STEEPEST = 20.0 * DEG  # terms beyond, but for the zeros, belong to no mount
-_HALF_A_QUARTER = 45.0 * DEG  # the second zero of a reading: beyond, it is another reading
+TAU = 3.0  # standard deviations at which the square of a residual is capped
+FEW = 6  # fewest rows for a fit of seven terms
+_TRIED = 16  # largest number of readings with two mistakes that are fitted
+_CLOCKS = 4  # largest number of other clocks and sites that are fitted
+_STEEPEST = 20.0 * DEG  # no mount has larger terms, except for the zeros
+_HALF_A_QUARTER = 45.0 * DEG  # a larger zero of the second axis is another reading
 _LIMITS = (-5.0 * DEG, 90.1 * DEG)
-_HOPELESS = 5.0 * DEG  # left in first order, far more than steep terms leave
-_ZENITH = 89.0 * DEG  # no run has most of its rows beyond
-_ONE_SIDE = 0.99  # length of the mean of unit vectors of the first axis' offsets: all alike
-_LOST = 7.0  # log-likelihood of a row that a reading has where no telescope looks
-#: rad, and logarithms: of sizes that are all likely alike, from small ones on
+_HOPELESS = 5.0 * DEG  # first-order residual far above what large terms cause
+_ZENITH = 89.0 * DEG  # no run has most of its rows above
+_ONE_SIDE = 0.99  # resultant length of the first axis' offsets: all in one direction
+_LOST = 7.0  # log-likelihood cost of a row that a reading places where no telescope points
+#: smallest size, rad, and largest log ratio, of a log-uniform prior on zero and tilt
 _SMALL, _MOST_OF_SIZES = 10.0 * ARCSEC, 8.0
-#: times its noise that numbers taken for offsets are larger, or log-likelihood that they gain by
-#: the terms: else nothing says that they are offsets
+#: numbers read as offsets must be this many times larger than their noise, or gain this much
+#: log-likelihood from the terms; else there is no evidence that they are offsets
 _OFFSETS_LARGER, _OFFSETS_LIKELIER = 5.0, 15.0
 
 
 @dataclass
 class ReadingFit:
-    """Of one reading.
+    """Fit of the terms under one reading.
 
     Attributes
     ----------
     reading : Reading or MovedRun
     places : tuple of ndarray, shape (n,)
-        Catalogue, readings, number of the run.
+        Catalogue angles, encoder angles, run index.
     taken : float
-        The first zero that was taken off the readings before the fit, radians.
+        Zero of the first axis subtracted from the encoder angles before the fit, radians.
     sigma : ndarray, shape (2,)
         Noise of both axes, radians.
     freedom : int
-        Offsets beyond what was fitted.
+        Degrees of freedom.
     misfit : float
         Mean logarithm of the noise, see `misfit`.
     lost : int
-        Rows that it has where no telescope looks.
+        Number of rows placed where no telescope points.
     zeros : tuple of float
-        Of both axes, radians.
+        Zeros of both axes, radians.
     tilt : float
-        Of the first axis, radians.
+        Tilt of the first axis, radians.
     terms : tuple of str
+        Fitted terms.
     names : mount_kinds.MountKind
     """
 
@@ -90,19 +91,18 @@ class ReadingFit:
 
     @property
     def rms_arcsec(self):
-        """Radial."""
+        """Radial RMS."""
         return float(np.hypot(*self.sigma)) / ARCSEC
 
     @property
     def text(self):
-        """What it reads, for people."""
+        """Description of the reading, for users."""
         return self.reading.text(self.zeros[0], self.names)
 
     def better_than(self, other):
-        """How many times, and by which log-likelihood (of both axes, and of rows without a place).
+        """Noise ratio, and gain in log-likelihood (both axes, and rows no telescope points at).
 
-        Of another clock or site the sizes of zero and tilt count too: they are as likely to be of
-        one size as of ten times that.
+        For another clock or site the sizes of zero and tilt count too, with a log-uniform prior.
         """
         gain = other.misfit - self.misfit
         likelier = min(self.freedom, other.freedom) * gain + _LOST * (other.lost - self.lost)
@@ -112,7 +112,10 @@ class ReadingFit:
         return np.exp(gain), likelier
 
     def as_good_as(self, other, least, likeliest):
-        """Whether it is at most so many times worse and loses no row more, or so much less likely.
+        """Whether this fit is as good as another.
+
+        That is, its log-likelihood is less than `likeliest` lower, or its noise is less than
+        `least` times larger and it loses no more rows.
         """
         times, likelier = self.better_than(other)
         return likelier > -likeliest or (
@@ -120,25 +123,29 @@ class ReadingFit:
 
     @property
     def sizes(self):
-        """Of the first zero and of the tilt, radians."""
+        """Absolute zero of the first axis and tilt, radians."""
         return abs(wrap(self.zeros[0])), self.tilt
 
     def far_better_than(self, other, least, likeliest):
-        """Whether it is so many times better, or has rows that the other loses, and likelier."""
+        """Whether this fit is far better than another.
+
+        That is, its log-likelihood is more than `likeliest` higher, and its noise is more than
+        `least` times smaller or it loses fewer rows.
+        """
         times, likelier = self.better_than(other)
         return likelier > likeliest and (times > least or self.lost < other.lost
                                          or self.reading.elsewhere)
 
     def explains(self):
-        """Whether numbers that are read as offsets are more than their scatter, or follow terms."""
+        """Whether numbers read as offsets exceed their scatter, or are explained by the terms."""
         return not self.reading.offsets or _explained(self.places, self.taken, self.sigma,
                                                       _OFFSETS_LIKELIER)
 
 
 def _explained(places, taken, sigma, likelier):
-    """Whether offsets are larger than what terms leave, or are left less by them than by zeros.
+    """Whether offsets exceed their residuals, or the terms fit them better than zeros alone do.
 
-    Any numbers fit as offsets in a small unit.
+    Any numbers fit as offsets if the unit is small.
     """
     az, el, az_enc, el_enc, _ = places
     x, y = (az_enc - az + taken) * np.cos(el), el_enc - el
@@ -150,7 +157,7 @@ def _explained(places, taken, sigma, likelier):
 
 
 class ReadingFits:
-    """Fits to the rows of a file in other readings.
+    """Fits to the rows of a file under other readings of its columns.
 
     Parameters
     ----------
@@ -161,15 +168,15 @@ class ReadingFits:
         self.rows, self.names = rows, rows.mount.names
 
     def fit(self, reading, centred=True, terms=None):
-        """The robust fit of one reading, a `ReadingFit`, or None where it has none.
+        """Robust fit of one reading: a `ReadingFit`, or None if it cannot be fitted.
 
         Parameters
         ----------
         reading : Reading or MovedRun
         centred : bool
-            The first zero is taken off before the fit.
+            Whether the zero of the first axis is subtracted before the fit.
         terms : tuple of str, optional
-            By default the seven of the mount.
+            By default the seven physical terms of the mount.
         """
         terms, index = terms or self.names.physical, self.names.index
         found = self._places(reading, centred)
@@ -205,13 +212,15 @@ class ReadingFits:
                    (zero + values[index[0]], values[index[1]]), float(tilt), terms, self.names)
 
     def best(self, readings, near=10.0):
-        """Fits of the readings that come near the best at first sight, best first.
+        """Fit the most promising readings, best first.
+
+        Readings are preselected by their noise with the zeros only, then by a first-order fit.
 
         Parameters
         ----------
         readings : sequence of Reading or MovedRun
         near : float
-            How many times the best misfit in first order.
+            Largest first-order noise of a reading kept, relative to the best.
 
         Returns
         -------
@@ -236,7 +245,7 @@ class ReadingFits:
         return reading.mount if reading.elsewhere else self.rows.mount
 
     def _plausible(self, reading):
-        """Whether the numbers lie in the range of such a reading, and it is another one."""
+        """Whether the numbers are in the range of a reading, and it differs from the file as is."""
         az, el, az_enc, el_enc = self.rows.columns
         if not (in_range(reading.catalogue, az, el) and in_range(reading.encoders, az_enc, el_enc)):
             return False
@@ -251,7 +260,7 @@ class ReadingFits:
                                         or not self.rows.mount.two_sided))
 
     def _places(self, reading, centred):
-        """Usable places of a reading, the first zero taken off, the log of its gain, rows lost."""
+        """Usable positions of a reading, the zero subtracted, its mean log gain, rows lost."""
         with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
             p = reading.places(*self.rows.columns, held=self.rows.held, lst=self.rows.lst,
                                sidereal=self.rows.sidereal)
@@ -275,9 +284,10 @@ class ReadingFits:
             np.mean(np.log(np.maximum(gain, 1e-9)))), int((~good).sum())
 
     def _by_axes(self, p, reading):
-        """Places as angles of the axes, each on the side that its reading is on.
+        """Positions as axis angles, each on the side of the pole of its encoder angles.
 
-        That is, as `run_files.places.to_axes` has it, what the readings say, else a column.
+        The side comes from the encoder angles, or else from a column, as in
+        `axis_places.to_axes`.
         """
         az_enc, el_enc, beyond = p.az_enc, p.el_enc, self.rows.beyond
         if reading.exchanged and beyond is None:
@@ -293,7 +303,7 @@ class ReadingFits:
 
     @staticmethod
     def _beyond_zenith(p, reading):
-        """The same of an alt-azimuth mount, as `run_files.places.past_zenith` has it."""
+        """The same for an alt-azimuth mount, as in `axis_places.past_zenith`."""
         place, reads = (p.az, p.el), (p.az_enc, p.el_enc)
         turned = reading.exchanged and is_beyond(place[1]).sum() > is_beyond(reads[1]).sum()
         if turned:
@@ -310,13 +320,13 @@ class ReadingFits:
 
     @staticmethod
     def _zeros_taken_off(_, places, zero, gain, lost):
-        """Misfit with nothing but the zeros fitted."""
+        """Misfit with only the zeros fitted."""
         az, el, az_enc, el_enc, _ = places
         x, y = (az_enc - az) * np.cos(el), el_enc - el
         return misfit([scatter(v - np.median(v), 1.0) for v in (x, y)], gain)
 
     def _first_order(self, reading, places, zero, gain, lost):
-        """Misfit with the terms fitted in first order, not robustly."""
+        """Misfit with the terms fitted in first order, without robust weights."""
         az, el, az_enc, el_enc, _ = places
         x, y = (az_enc - az) * np.cos(el), el_enc - el
         try:
@@ -334,7 +344,7 @@ class ReadingFits:
 
 
 def scatter(values, dof):
-    """Robust noise with little noise of its own: root mean square, of large ones 3 times the MAD
+    """Robust and efficient noise estimate: RMS with residuals capped at 3 times the MAD
     (a tau scale, Yohai and Zamar 1988).
     """
     if not len(values):
@@ -345,5 +355,5 @@ def scatter(values, dof):
 
 
 def misfit(sigma, gain):
-    """Mean logarithm of the noise of both axes, in units of the columns as written."""
+    """Mean logarithm of the noise of both axes, converted to units of the columns as written."""
     return 0.5 * (np.log(sigma[0] * sigma[1]) - gain)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the columns of a pointing run may be mistaken for: readings other than as written."""
+"""Readings of the columns of a pointing run: wrong units, signs, zeros, swapped columns."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -23,9 +23,8 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ, is_beyond, through_pole
 
 _CATALOGUE, _ENCODERS, _BOTH = 'of the catalogue', 'of the encoders', 'of catalogue and encoders'
-#: what one pair of columns may be, in the order in which it is set right: text (of the angles of
-#: the axes), and (az, el) as written -> (az, el); how many times an angle of each is larger than
-#: written
+#: mistakes in one pair of columns, in the order of correction: text (with the names of the axes),
+#: function from (az, el) as written to the true (az, el), and scale factors of both angles
 _MISTAKES = {
     'arcseconds': ('{a} and {e} {of} in arcseconds',
                    lambda a, e: (a / 3600.0, e / 3600.0), (1.0 / 3600.0, 1.0 / 3600.0)),
@@ -42,27 +41,27 @@ _MISTAKES = {
     'negative': ('{e} {of} with the other sign', lambda a, e: (a, -e), (1.0, 1.0)),
     'zenith': ('{d} in place of the {e} {of}',
                lambda a, e: (a, 0.5 * np.pi - e), (1.0, 1.0)),
-    # of mounts that go through the pole
+    # mounts that go through the pole
     'unturned': ('{e} {of} beyond 90 degrees with the {a} of the star, not 180 degrees on',
                  lambda a, e: (np.where(is_beyond(e), a + np.pi, a), e), (1.0, 1.0)),
     'folded': ('{e} {of} folded back to below 90 degrees where the {a} is 180 degrees on, through '
                'the pole', None, (1.0, 1.0)),
     'sideless': ('{e} {of} folded back to below 90 degrees with the {a} of the star, where stars '
                  'east of the meridian are observed through the pole', None, (1.0, 1.0)),
-    # of equatorial ones
+    # equatorial mounts
     'ascension': ('right ascension in place of the {a} {of}', None, (1.0, 1.0)),
 }
-#: of which a file has one at most
+#: mutually exclusive mistakes
 _UNITS = ('arcseconds', 'arcminutes', 'gradians', 'radians', 'hours', 'radians of the first')
 _OF_PAIRS = (*_UNITS, 'swapped', 'reversed', 'negative', 'zenith')
-#: what the columns of the encoders may hold -> factor to radians, whether x is on the sky
+#: offsets in the encoder columns: text -> factor to degrees with sign, whether x is on the sky
 _OFFSETS = {
     f'{name}{where}, {sign}': (factor * direction, bool(where))
     for name, factor in (('degrees', 1.0), ('arcseconds', 1.0 / 3600.0))
     for where in ('', ' on the sky')
     for sign, direction in (('encoder - catalogue', 1.0), ('catalogue - encoder', -1.0))}
-#: what offsets on the sky that a file gives may be: text, (x, y, cosine of the second angle) as
-#: written -> (x, y), and the power of the cosine that they gain
+#: mistakes in the on-sky offsets of a file: text, function from (x, y, cosine of the second angle)
+#: as written to the true (x, y), and the power of the cosine by which they are multiplied
 _GIVEN = {
     'no cosine': ('column x_arcsec not multiplied by cos({e})', lambda x, y, c: (x * c, y), 1),
     'cosine twice': ('column x_arcsec multiplied twice by cos({e})',
@@ -75,7 +74,7 @@ _GIVEN = {
 
 @dataclass(frozen=True)
 class Places:
-    """Catalogue places and encoder angles in one reading.
+    """Catalogue positions and encoder angles in one reading.
 
     Attributes
     ----------
@@ -100,13 +99,14 @@ class Reading:
     Attributes
     ----------
     catalogue, encoders : tuple of str
-        Mistakes of each pair, by the names of this module, in the order to set them right.
+        Mistakes of each pair (keys of `_MISTAKES`), in the order of correction.
     offsets : str
-        What offsets the encoder columns hold; '': readings.
+        Kind of offsets in the encoder columns (key of `_OFFSETS`); '': they hold angles.
     exchanged : bool
-        Catalogue and encoders are in each other's place.
+        Whether catalogue and encoder columns are exchanged.
     given : str
-        What the offsets are that the file gives in place of readings; '': what they are named.
+        Mistake in the offsets of a file with offsets in place of angles (key of `_GIVEN`); '':
+        none.
     """
 
     catalogue: tuple = ()
@@ -114,29 +114,29 @@ class Reading:
     offsets: str = ''
     exchanged: bool = False
     given: str = ''
-    #: no other clock or site; what is wrong then, and what to do
+    #: not a change of clock or site; what is wrong, and what to do
     elsewhere, kind, advice = False, 'columns', 'set the columns right'
 
     @property
     def mistakes(self):
-        """How many."""
+        """Number of mistakes."""
         return (len(set(self.catalogue) | set(self.encoders)) + bool(self.offsets)
                 + self.exchanged + bool(self.given))
 
     def places(self, az, el, az_enc, el_enc, held=False, lst=None, sidereal=False):
-        """The columns set right.
+        """Correct the columns.
 
         Parameters
         ----------
         az, el, az_enc, el_enc : ndarray, shape (n,)
-            As written, taken for degrees and given in radians.
+            As written, converted from degrees to radians.
         held : bool
-            The file has offsets on the sky in place of encoder angles, and they stay: a mistake
-            is then one of the catalogue, or of these.
+            Whether the file has on-sky offsets in place of encoder angles. The offsets are kept:
+            only the catalogue, or the offsets themselves, can be mistaken.
         lst : ndarray, shape (n,), optional
-            Sidereal time, radians, with a zero of its own.
+            Sidereal time, radians, with an unknown zero unless `sidereal`.
         sidereal : bool
-            It has none.
+            Whether the zero of `lst` is known.
 
         Returns
         -------
@@ -176,7 +176,7 @@ class Reading:
         return *work(x, y, cosine), cosine**power
 
     def _from_ascension(self, az, az_enc, el_enc, lst, sidereal):
-        """Hour angles of both pairs, with the clock's zero where the other pair has them."""
+        """Hour angles of both pairs; an unknown clock zero is taken from the difference of both."""
         both = [lst - az if 'ascension' in self.catalogue else az,
                 lst - az_enc if 'ascension' in self.encoders else az_enc]
         away = both[1] - both[0] - np.where(is_beyond(el_enc), np.pi, 0.0)
@@ -188,12 +188,12 @@ class Reading:
         return both[0], both[1] - zero
 
     def text(self, zero=0.0, names=ALTAZ.names):
-        """For people.
+        """Description for users.
 
         Parameters
         ----------
         zero : float
-            Azimuth zero that the fit gave, radians.
+            Fitted azimuth zero, radians.
         names : mount_kinds.MountKind
         """
         of_azimuths = names is ALTAZ.names
@@ -226,25 +226,25 @@ class Reading:
         return ', and '.join(parts)
 
 
-#: of a mount that is its mirror image
+#: the mirror image of a mount
 MIRRORED = Reading(('reversed',), ('reversed',))
-#: the same by its second angle, but for gravity and the horizon
+#: its mirror image in the second angle, equivalent except for gravity and the horizon
 NEGATED = Reading(('negative',), ('negative',))
-#: readings that differ by signs, as no run can tell
+#: readings that differ by signs only, which no run can distinguish
 SIGNS = (MIRRORED, NEGATED, Reading(exchanged=True))
-#: an azimuth zero this near to half a turn is one of the south, radians
+#: an azimuth zero this close to half a turn means azimuth counted from the south, radians
 SOUTH = 1.5 * DEG
 
 
 def in_range(names, az, el):
-    """Whether the numbers of a pair may be angles in the unit of a reading.
+    """Whether the numbers of a pair are in the range of the units of a reading.
 
     Parameters
     ----------
     names : tuple of str
-        Its mistakes.
+        Mistakes of the pair in this reading.
     az, el : ndarray, shape (n,)
-        As written, taken for degrees and given in radians.
+        As written, converted from degrees to radians.
     """
     if 'swapped' in names:
         az, el = el, az
@@ -259,12 +259,12 @@ def in_range(names, az, el):
 
 
 def without_signs(alike, names=ALTAZ.names):
-    """Readings that fit as well, signs apart, which no run confirms.
+    """Equally good readings, without those that differ by signs only, which no run can confirm.
 
     Parameters
     ----------
     alike : sequence of str
-        As of `mistaken_columns.ColumnCheck.alike`.
+        See `mistaken_columns.ColumnCheck.alike`.
     names : mount_kinds.MountKind
 
     Returns
@@ -286,7 +286,7 @@ def _set_right(a, e, mistakes):
 
 
 def _joined(*readings):
-    """Both readings' mistakes; None where they are of one kind."""
+    """Reading with the mistakes of both; None where they exclude each other."""
     one, other = readings
     for pair in ('catalogue', 'encoders'):
         if set(getattr(one, pair)) & set(getattr(other, pair)):
@@ -304,12 +304,12 @@ def _joined(*readings):
 
 
 def single_readings(held=False, mount=ALTAZ, lst=False):
-    """Every reading with one mistake.
+    """All readings with one mistake.
 
     Parameters
     ----------
     held : bool
-        As of `Reading.places`.
+        See `Reading.places`.
     mount : Mount
     lst : bool
         Whether the sidereal time is known.
@@ -330,6 +330,6 @@ def single_readings(held=False, mount=ALTAZ, lst=False):
 
 
 def double_readings(held=False, mount=ALTAZ, lst=False):
-    """Every reading with two mistakes of different kinds, as `single_readings`."""
+    """All readings with two compatible mistakes; parameters as in `single_readings`."""
     pairs = (_joined(a, b) for a, b in combinations(single_readings(held, mount, lst), 2))
     return [reading for reading in pairs if reading is not None]

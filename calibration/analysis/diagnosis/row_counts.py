@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rows of a diagnosis: how many it rests on, what others did, which are worst or stand twice."""
+"""Rows of a diagnosis: counts of rows used and excluded, worst rows, repeated stars."""
 
 from dataclasses import dataclass, replace
 from pathlib import PurePath
@@ -27,38 +27,37 @@ from pointing_model.runs.copies import SAME
 from ..finding import Finding
 from .reading_fits import MOST_LEFT_OUT
 
-#: reasons of rows that whoever wrote the file took back, or that never were any
+#: exclusion reasons of rows that the author of the file had withdrawn, or that are not observations
 _TAKEN_BACK = ('commented out', 'rejected by', LOG_OF_AIR)
-#: of the entries ``before`` and ``after`` of a result
+#: keys of the entries ``before`` and ``after`` of a result
 RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
             'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')
-_PLACES_NAMED = 4  # places that stand twice, that are named
+_PLACES_NAMED = 4  # largest number of repeated stars that are listed
 
 
 @dataclass
 class RowCounts:
-    """Of one diagnosis.
+    """Row counts of one diagnosis or fit.
 
     Attributes
     ----------
     read : int
-        Rows that the files offer; not those that are rejected in the file.
+        Rows in the files, without those rejected in the file itself.
     used : int
-        Rows with weight in the fit.
+        Rows with non-zero weight in the fit.
     copies : int
-        Rows that are there twice.
+        Duplicate rows.
     outliers : list of dict
-        ``row`` (the line in the file), ``source`` (of several files), ``star`` (its number
-        or name, where a fit has it), ``x_arcsec``, ``y_arcsec``:
-        how far from the model, on the sky; the farthest first.
+        ``row`` (the line in the file), ``source`` (if there are several files), ``star`` (its
+        number or name, for a fit), ``x_arcsec``, ``y_arcsec``: on-sky residual; largest first.
     rms_with : float or None
-        Radial RMS in arcsec with the outliers.
+        Radial RMS in arcsec including the outliers.
     word : {'row', 'line'}
-        What their numbers count: lines of a file, or rows of a run without one.
+        Whether row numbers are lines of a file, or rows of a run without one.
     taken_back : int
-        Rows that whoever wrote the file took back; they are none of those read.
+        Rows withdrawn by the author of the file; not included in `read`.
     not_drawn : int
-        Rows of a long run that are not looked at, see `Observations.thinned`.
+        Rows of a long run that were not sampled, see `Observations.thinned`.
     """
 
     read: int
@@ -72,23 +71,23 @@ class RowCounts:
 
     @property
     def too_few(self):
-        """Whether more than a third is left out."""
+        """Whether more than a third of the rows is excluded."""
         offered = self.read - self.copies - self.not_drawn
         return offered - self.used > MOST_LEFT_OUT * offered
 
     @property
     def lost(self):
-        """Rows read and not used."""
+        """Number of rows read but not used."""
         return self.read - self.used - self.not_drawn
 
     @property
     def refusal(self):
-        """Why no effect is claimed then, a Finding."""
+        """Finding: no effect is claimed because too few rows are used."""
         return Finding('too few rows', self.used, unit='rows', evidence={'read': self.read})
 
     @property
     def detection_factor(self):
-        """How many times larger an effect must be to be found than with all rows."""
+        """Ratio of the detection limit to that with all rows."""
         return (1.0 + self.not_drawn / max(self.used, 1)) ** 0.5
 
     def to_dict(self):
@@ -119,7 +118,7 @@ def diagnosis_row_counts(result):
 
 
 def fit_row_counts(run, result):
-    """Count the rows of a fit, as `diagnosis_row_counts`.
+    """Count the rows of a fit.
 
     Parameters
     ----------
@@ -138,13 +137,13 @@ def fit_row_counts(run, result):
 
 
 def excluded_of_fit(run, result):
-    """Rows that a fit did not have and those that it could not use: ``row`` in the file, reason."""
+    """Rows excluded by the reader and by the fit: ``row`` (line in the file) and ``reason``."""
     return [*run.meta.get('excluded', ()),
             *({**one, 'row': run.lines[one['row']]} for one in result.excluded)]
 
 
 def row_word(run):
-    """What the numbers of a run's rows count: ``line``s of its file, or ``row``s."""
+    """Whether the row numbers of a run are lines of its file (``line``) or not (``row``)."""
     return 'row' if run.meta.get('lines') is None else 'line'
 
 
@@ -165,20 +164,20 @@ def _row_counts(left, weights, excluded, lines, sources=None, stars=None, word='
 
 
 def _named(star):
-    """Entry of a star that has a number or a name."""
+    """Dictionary entry with the number or name of a star, if any."""
     if isinstance(star, str):
         return {'star': str(star)}
     return {'star': int(star)} if np.isfinite(star) else {}
 
 
 def _lost(excluded):
-    """How many rows are left out, but for those taken back; how many of them are copies."""
+    """Number of excluded rows, without withdrawn ones, and how many of them are copies."""
     reasons = [e['reason'] for e in excluded if not e['reason'].startswith(_TAKEN_BACK)]
     return len(reasons), sum(reason.startswith(SAME) for reason in reasons)
 
 
 def reader_row_counts(run):
-    """Count the rows of a run by what its reader left out, as `diagnosis_row_counts`.
+    """Count the rows of a run, with those that its reader excluded.
 
     Parameters
     ----------
@@ -194,7 +193,7 @@ def reader_row_counts(run):
 
 
 def count_rows(result):
-    """The diagnosis with its counts; of more than a third of the rows left out it claims no effect.
+    """Add row counts to a diagnosis; with more than a third of the rows excluded, refuse it.
 
     Parameters
     ----------
@@ -203,7 +202,7 @@ def count_rows(result):
     Returns
     -------
     Diagnosis
-        Its verdict is ``refused`` then, its model that of the base.
+        If refused, the verdict is ``refused`` and the model is that of the base.
     """
     counts = diagnosis_row_counts(result)
     if counts.too_few:
@@ -217,7 +216,7 @@ def count_rows(result):
 
 
 def worst_rows(diagnosis):
-    """The worst of the rows that count, before and after.
+    """The row with the largest residual among those with weight, before and after.
 
     Parameters
     ----------
@@ -226,9 +225,9 @@ def worst_rows(diagnosis):
     Returns
     -------
     dict or None
-        ``before`` and ``after``: each with ``row``, ``source`` (of several files), ``az_deg``,
-        ``el_deg`` (of the axes of the mount), ``before_arcsec`` and ``after_arcsec``. None
-        without an effect.
+        ``before`` and ``after``: each with ``row``, ``source`` (if there are several files),
+        ``az_deg``, ``el_deg`` (mount axes), ``before_arcsec`` and ``after_arcsec``. None if no
+        effect was found.
     """
     used = np.flatnonzero(diagnosis.weights > 0.0)
     if not diagnosis.effects or not len(used):
@@ -247,7 +246,7 @@ def worst_rows(diagnosis):
 
 
 def repeats(rows):
-    """A Finding on rows that are of one place, and how much they differ; none where many are.
+    """A Finding on stars measured repeatedly, with the RMS difference; empty if there are many.
 
     Parameters
     ----------
