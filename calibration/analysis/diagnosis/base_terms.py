@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The declared model: its terms, their columns, its rotations, what the rows determine of it."""
+"""The declared model: its terms, their design columns, and the terms that rows determine."""
 
 import re
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from pointing_model.pointing_terms import known_terms, stacked_design
 
 from ..term_fit import fit_terms
 
-_SETS = ('physical', 'standard6', 'index')  # of `mount_kinds.MountKind`
+_SETS = ('physical', 'standard6', 'index')  # attributes of `mount_kinds.MountKind`
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,11 @@ class Base:
     ----------
     terms : tuple of str
     degree : int
-        Of the spherical harmonics of paper 000; 0: none.
+        Degree of the spherical harmonics of paper 000; 0: none.
     own : tuple of str
-        Terms that each run fits for itself.
+        Terms fitted separately to each run.
     interpretation : {'zenith', 'printed'}
-        What the E of the harmonics is, see `pointing_model.harmonics`.
+        Meaning of E in the harmonics, see `pointing_model.harmonics`.
     """
 
     terms: tuple
@@ -52,17 +52,17 @@ class Base:
 
     @classmethod
     def parse(cls, text, own=(), mount=ALTAZ):
-        """From ``physical``, ``standard6``, ``index``, ``sh13``, ``sh1``..``sh4``, names of terms.
+        """Parse ``physical``, ``standard6``, ``index``, ``sh13``, ``sh1``..``sh4``, term names.
 
         Parameters
         ----------
         text : str
-            Parts joined by ``+`` or ``,``. sh13 is sh4: degree 4 has 13 coefficients an axis.
-            ``sh4p``: with the paper's E as printed, else it is the zenith distance.
+            Parts joined by ``+`` or ``,``. sh13 is sh4: degree 4 has 13 coefficients per axis.
+            ``sh4p``: with the paper's E as printed, otherwise E is the zenith distance.
         own : sequence of str
-            Terms that each run fits for itself.
+            Terms fitted separately to each run.
         mount : Mount, optional
-            Whose terms they are.
+            Mount with these terms.
 
         Raises
         ------
@@ -92,11 +92,11 @@ class Base:
 
     @property
     def harmonic_count(self):
-        """Coefficients of the harmonics an axis."""
+        """Number of coefficients of the harmonics per axis."""
         return 3 * self.degree + 1 if self.degree else 0
 
     def names(self):
-        """For people and the result."""
+        """Names of all terms, for users and the result."""
         return [*self.terms, *([self._series] if self.degree else [])]
 
     @property
@@ -104,13 +104,13 @@ class Base:
         return f'sh{self.degree}' + 'p' * (self.interpretation == 'printed')
 
     def columns(self, context, run=None):
-        """First-order columns.
+        """First-order design columns.
 
         Parameters
         ----------
         context : Context
         run : ndarray of int, shape (n,), optional
-            Needed for `own`.
+            Run index of each row, required with `own` terms.
 
         Returns
         -------
@@ -133,7 +133,7 @@ class Base:
 
 
 def determined_base(obs, base):
-    """The base without the terms that the stars do not determine and that are held at zero.
+    """The base without the terms held at zero because the stars do not determine them.
 
     Parameters
     ----------
@@ -144,13 +144,13 @@ def determined_base(obs, base):
     -------
     base : Base
     fit : FitResult or None
-        That says so; None where nothing is undetermined.
+        Fit that shows this; None if nothing is undetermined.
     """
     if base.degree or not base.terms:
         return base, None
     try:
         fit = fit_terms(obs.run, base.terms, encoder=obs.encoder, run_zeros=bool(base.own))
-    except ValueError:  # whoever fits them says why
+    except ValueError:  # the fit of the base will report the reason
         return base, None
     if not fit.undetermined:
         return base, None

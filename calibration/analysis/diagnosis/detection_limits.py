@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How large an effect would have been, for these observations to show it.
+"""Detection limits: the smallest effects that these observations would have shown.
 
-"Nothing found" is worth what could have been found. The directions, the times and the noise of a
-run say it beforehand: an effect of amplitude a has lambda = a |(1 - P) s| / sigma, its unit signal
-s beyond what the model fits, in units of the noise; it is found where the noncentral F of its
-score passes what chance gives to the best of all candidates.
+"Nothing found" means little without a detection limit. It follows from the directions, the times
+and the noise of a run: an effect of amplitude a has the noncentrality lambda = a |(1 - P) s| /
+sigma, where (1 - P) s is its unit signal beyond what the model fits. It is found if its score, a
+noncentral F, exceeds the largest score of all candidates by chance.
 """
 
 import numpy as np
@@ -28,12 +28,12 @@ from calibration.estimation.linear_model import LIVE
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS
 
-#: how often an effect of the size that is told would have been found
+#: probability of detecting an effect of the reported size
 POWER = 0.9
 
 
 def _of_axes(first, second):
-    """Effects of which it is told: name, factor on the coefficient's length, unit."""
+    """Effects with a reported limit: name, amplitude / norm of the coefficients, unit."""
     return (
         (f'{first}_encoder_1', 1.0, 'arcsec'), ('line_of_sight_2', 1.0, 'arcsec'),
         (f'{second}_nod_2', 1.0, 'arcsec'), ('refraction', 1.0, 'arcsec'),
@@ -46,20 +46,20 @@ def _of_axes(first, second):
         *((f'{axis}_zero_with_temperature', 1.0, 'arcsec/K') for axis in (first, second)))
 
 
-#: the names of the axes say of which mount an effect is
+#: effects of all kinds of mounts, distinguished by the names of the axes
 _ROWS = dict.fromkeys(row for names in KINDS.values() for row in _of_axes(*names.keys))
-#: phases of two columns that belong together, shape (k, 2)
+#: phases of effects with two columns (cosine and sine), shape (k, 2)
 _PHASES = np.array([[np.cos(a), np.sin(a)] for a in (np.arange(48) + 0.5) * np.pi / 48])
-_SURE = 1e4  # lambda^2 of what no run overlooks
+_SURE = 1e4  # lambda^2 above which detection is certain
 
 
 def detectable(problem, chance, alpha):
-    """Amplitudes that a run would have shown in 9 of 10 cases, whatever their phase or sign.
+    """Amplitudes that a run detects with 90 % probability, averaged over phase and sign.
 
     Parameters
     ----------
     problem : SelectionProblem
-        Nothing is chosen: the base alone is fitted.
+        The base alone is fitted, without effects.
     chance : Chance
     alpha : float
         Family-wise error of the search.
@@ -67,9 +67,9 @@ def detectable(problem, chance, alpha):
     Returns
     -------
     list of dict
-        ``name``, ``amplitude_arcsec``, ``unit`` (of the amplitude: a drift's is an hour's) and
-        ``rms_arcsec`` of that effect on the rows, on the sky. Effects that the base or another
-        driver of the run hides are not in it.
+        ``name``, ``amplitude_arcsec``, ``unit`` (of the amplitude; per hour for a drift) and
+        ``rms_arcsec`` of that effect on the sky over the rows. Effects indistinguishable from the
+        base or from another driver of the run are omitted.
     """
     fit = problem.plain.fit([])
     bank = problem.dictionary
@@ -77,11 +77,11 @@ def detectable(problem, chance, alpha):
     if not np.isfinite(scores.delta_bic).any():
         return []
     best = int(np.argmax(scores.delta_bic))
-    # all that it is told of is of the dictionary itself
+    # all effects with a reported limit are in the dictionary itself
     flipped = ChanceTest(fit, scores, best, bank.shares['dictionary']).flipped_max(chance.signs)
     limit = float(np.quantile(flipped, 1.0 - alpha * SHARES['dictionary']))
     live = max(np.count_nonzero(fit.weights > LIVE), 2)
-    free = max(live - len(fit.basis) / 2, 4)  # each axis has noise of its own
+    free = max(live - len(fit.basis) / 2, 4)  # the noise of each axis is estimated separately
     names = {e.name: g for g, e in reversed(list(enumerate(bank.effects)))}
     out = []
     for name, factor, unit in _ROWS:
@@ -90,7 +90,7 @@ def detectable(problem, chance, alpha):
             continue
         dof = int(scores.dof[g])
         white = fit.noise.whiten(bank.of(g))
-        # signal beyond the base in units of the noise, of each phase at unit amplitude
+        # signal beyond the base in units of the noise, for each phase at unit amplitude
         phases = _PHASES if dof == 2 else np.ones((1, 1))
         unit_lambda = np.sqrt(np.square(phases @ (white @ scores.basis(g).T)).sum(axis=1))
         size = _amplitude(unit_lambda, dof, free, _gain(dof, free, limit, dof * np.log(live)))
@@ -101,23 +101,24 @@ def detectable(problem, chance, alpha):
 
 
 def _gain(dof, free, limit, cost):
-    """Gain, in chi^2, beyond chance and beyond what BIC asks for.
+    """Chi^2 gain needed for significance and for a gain by BIC.
 
     Parameters
     ----------
     dof : int
-        Columns of the effect.
+        Number of columns of the effect.
     free : int
-        Degrees of freedom that the noise is known by.
+        Degrees of freedom of the noise estimate.
     limit : float
-        Normal score that chance gives to the best of all candidates.
+        Critical normal score of the best of all candidates.
     cost : float
+        BIC penalty of the effect.
     """
     return max(_bisect(lambda v: normal_score(v, dof, free) < limit, 0.1, 1e5), cost)
 
 
 def _amplitude(unit_lambda, dof, free, gain):
-    """Amplitude that is found in `POWER` of all cases, any phase being as likely."""
+    """Amplitude detected with probability `POWER`, averaged over uniform phases."""
     from scipy.special import ncfdtr
     return _bisect(lambda a: np.mean(1.0 - ncfdtr(
         dof, free, np.minimum(np.square(a * unit_lambda), _SURE), gain / dof)) < POWER,
@@ -125,7 +126,7 @@ def _amplitude(unit_lambda, dof, free, gain):
 
 
 def _bisect(below, low, high):
-    """Where `below` turns from true to false."""
+    """Bisection: the point where `below` turns from true to false."""
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if below(middle) else (low, middle)

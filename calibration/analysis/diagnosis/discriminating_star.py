@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The star that tells the members of a set apart best, and whether any star can.
+"""The star that best discriminates between possible causes, and whether any star can.
 
-What stars are expected to add to 2 ln(likelihood ratio) between two members is what the wrong one
-cannot follow of the right one, each in turn taken as right (`next_observations.Prospect`). The sum
-comes with noise of twice its root (Box and Hill 1967, on discriminating models).
+The expected gain of stars in 2 ln(likelihood ratio) between two causes is the part of the true one
+that the wrong one cannot fit, averaged over which of them is true (`next_observations.Prospect`).
+The standard deviation of the sum is twice its square root (Box and Hill 1967, on discriminating
+models).
 """
 
 from statistics import NormalDist
@@ -36,39 +37,39 @@ from .observation_places import (
     places_under,
 )
 
-#: 2 ln(likelihood ratio) from which a member is out: of two 1 in 100 is wrong (Wald 1945)
+#: 2 ln(likelihood ratio) from which a cause is excluded: error rate 1 in 100 (Wald 1945)
 SEPARATE = 9.2
-#: chance below which stars that are left are not worth their time
+#: probability of success below which the remaining stars are not worth their time
 LEAST_CHANCE = 0.1
-#: chance from which nobody waits longer, or something else that could be observed is named
+#: probability of success that is enough: not to wait longer, or to suggest other observations
 ENOUGH = 0.5
-#: hours after the last row at which stars are "now", and what is tried within the hours allowed
+#: hours after the last row of a star observed "now", and of later stars, within the hours allowed
 _NOW, _LATER = 0.1, (0.5, 1.0, 2.0, 4.0, 8.0)
-_ROUNDS = 4  # in which the stars left are placed, to tell what they can reach
+_ROUNDS = 4  # rounds in which the remaining stars are placed to estimate their total gain
 _KELVIN = 8.0
 _FAST = 20.0  # times the rate of a star
 
 
 class Points:
-    """Observations that could be made, in all that matters to some effects.
+    """Grid of possible observations over all drivers that matter to some effects.
 
     Parameters
     ----------
     obs : Observations
     drivers : set of str
-        That make a difference.
+        Drivers that matter.
     hours : float
-        That may be waited.
+        Longest wait, h.
     elevations : (float, float), optional
-        That the mount can look at, rad; by default where the rows are.
+        Elevation limits of the mount, rad; by default the range of the rows.
     low_deg : float, optional
-        Lower than that.
+        Extend the grid down to this elevation.
     warmer, faster : float
-        Kelvin beside the forecast; times the rate of a star.
+        Kelvin above the forecast; multiple of the rate of a star.
     any_magnitude : bool
-        Not only those of the rows.
+        Whether magnitudes outside the range of the rows are included.
     only_later : bool
-        Not now; where it is not dark then, when the next night begins.
+        Exclude "now"; if it is not dark later, use the beginning of the next night.
 
     Attributes
     ----------
@@ -76,7 +77,7 @@ class Points:
     later : ndarray, shape (m,)
         Hours after the last row.
     short : ndarray of bool, shape (m,)
-        Reached by a short move back on the one before.
+        Whether the point is reached by a short reversal from a point before.
     """
 
     def __init__(self, obs, drivers, hours=0.0, elevations=None, low_deg=None, warmer=0.0,
@@ -114,7 +115,7 @@ class Points:
         self._magnitude = bright
 
     def taken(self, context, rows):
-        """Which points rows of a run have been at already, shape (m,)."""
+        """Which points have been observed already, shape (m,)."""
         out = np.zeros(len(self.later), bool)
         for i in rows:
             here = np.hypot((self.context.az - context.az[i]) * np.cos(context.el[i]),
@@ -127,7 +128,7 @@ class Points:
         return out
 
     def request(self, j):
-        """Point `j` as what to observe, see `discrimination.CauseStanding`."""
+        """Point `j` as a suggested observation, see `discrimination.CauseStanding`."""
         c, drivers = self.context, self._drivers
         sides = {f'approach_{axis}': int(c.columns[f'approach_{axis}'][j])
                  if {f'approach_{axis}', f'before_{axis}'} & drivers else 0
@@ -139,7 +140,7 @@ class Points:
             'after_hours': float(self.later[j]) if self.later[j] > _NOW else None,
             'magnitude': float(self._magnitude[j]) if 'magnitude' in drivers else None}
         if self.short[j]:
-            # seen first, a short move before it, reached from the other side
+            # a point to observe first, a short move away, reached from the other side
             ways = [out[f'approach_{axis}'] or 1 for axis in ('az', 'el')]
             az, el = c.mount.horizon_of(c.az[j] - ways[0] * SHORT / np.cos(c.el[j]),
                                         c.el[j] - ways[1] * SHORT)
@@ -150,25 +151,25 @@ class Points:
 
 
 def drivers_of(effects):
-    """What makes a difference to some effects, set of str."""
+    """Drivers of some effects, set of str."""
     return {d for e in effects for d in (e.driver, *e.requires)}
 
 
 class Pair:
-    """The best member and a rival, before points that could be observed.
+    """The best cause and a rival, compared at possible observations.
 
     Parameters
     ----------
     problem, obs, base, fit, pair, others
-        As of `next_observations.views_of`.
+        See `next_observations.views_of`.
     points : Points
     behind : float
-        Of the rival, in 2 ln(likelihood ratio).
+        Distance of the rival in 2 ln(likelihood ratio).
 
     Attributes
     ----------
     hours : float
-        Until the last of its points can be observed.
+        Hours until the last of its points.
     """
 
     def __init__(self, problem, obs, base, fit, pair, others, points, behind):
@@ -179,21 +180,23 @@ class Pair:
         self._right = right, 1.0 - right
 
     def differ(self):
-        """By how much the two differ at each point, squared, in units of its noise, shape (m,).
+        """Squared difference of the two at each point in units of the noise, shape (m,).
 
-        What a star there adds if nothing is fitted after it. What it adds with that is less at the
-        far ends, where terms are not known yet: going by it the ends are shunned, and it took more
-        stars (benchmarks/tell_apart.py: a median of 4 in place of 2 and 3, 8 in place of 6).
+        This is the gain of a star there without a refit of the terms. With a refit the gain is less
+        far from the rows, where terms are poorly known: such points were then avoided, and more
+        stars were needed (benchmarks/tell_apart.py: a median of 4 in place of 2 and 3, 8 in place
+        of 6).
         """
         return sum(p * v.disagreement() for p, v in zip(self._right, self._views))
 
     def chance(self, stars, allowed=None):
-        """Chance that so many stars, at the best points, put one of the two out.
+        """Probability that a number of stars, at the best points, excludes one of the two.
 
         Parameters
         ----------
         stars : int
         allowed : ndarray of bool, shape (m,), optional
+            Points that may be used.
         """
         out = 0.0
         for p, view, lead in zip(self._right, self._views, (self.behind, -self.behind)):
@@ -209,14 +212,14 @@ class Pair:
 
 
 def needed(make, stars):
-    """A Finding on what else would discriminate a pair.
+    """A Finding on other observations that would discriminate between a pair.
 
     Parameters
     ----------
     make : callable
-        Options of `Points` -> Pair.
+        Returns the `Pair` for some options of `Points`.
     stars : int
-        That are taken there.
+        Number of stars observed.
     """
     for kind, size, options in (
             ('low stars needed', 10.0, {'low_deg': 10.0}),

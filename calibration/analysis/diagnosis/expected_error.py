@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The error to be expected on fresh stars, as an interval that can be wrong in the open."""
+"""Expected RMS error on new stars, as a prediction interval that can be tested."""
 
 import numpy as np
 
@@ -26,24 +26,24 @@ from ..term_fit import rotation_start
 from .base_terms import Base
 from .observations import observations
 
-#: the chance with which the interval holds the RMS of many fresh stars of the same night
+#: probability that the interval contains the RMS of many new stars of the same night
 CONFIDENCE = 0.9
-#: stretches that stand for the night: rows of one share what rows close in time share
+#: largest number of blocks for the jackknife: rows close in time share errors
 _BLOCKS = 10
-_FARTHEST = 300.0  # of a logarithm
-_FRESH = 100  # stars that it is the RMS of
-_BEYOND = 1.645  # normal standard deviations that chance passes in 1 of 20
-_NORMAL = 60.0  # rows that normal noise counts as, where its scatter is estimated
-#: largest growth or decay of the noise along a night (ln of its root), and values that are tried
+_FARTHEST = 300.0  # bound of a drawn logarithm
+_FRESH = 100  # number of new stars in the predicted RMS
+_BEYOND = 1.645  # normal quantile of a one-sided 5 % test
+_NORMAL = 60.0  # prior weight, in rows, of normal kurtosis in the scatter of squares
+#: largest growth or decay of the noise along a night (ln of the sigma ratio), and grid size
 _GROWTH, _RATIOS = np.log(6.0), 20
 _SIMULATED = 1000  # nights
-_STANDS = np.zeros(_SIMULATED)  # draws of a night whose zero stays
-_AHEAD, _POINTS = 1800.0, 12  # s after the last row, and places in them
-_SOME = 100  # rows that stand for a run
+_STANDS = np.zeros(_SIMULATED)  # mean squares of a zero without drift
+_AHEAD, _POINTS = 1800.0, 12  # s after the last row, and number of points in them
+_SOME = 100  # last rows of a run used to predict its zero
 
 
 def expected_error_of_terms(run, base='physical', seed=0):
-    """As `Diagnosis.expected`, for a model without effects.
+    """Expected error of a model without effects, like `Diagnosis.expected`.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ def expected_error_of_terms(run, base='physical', seed=0):
     Returns
     -------
     dict or None
-        None where the rows do not determine the terms and a residual.
+        None if there are too few rows for the terms and a residual.
     """
     rng, base = np.random.default_rng(seed), Base.parse(base, (), run.mount)
     try:
         obs = observations(run)
-    except ValueError:  # too few rows, or what is in them
+    except ValueError:  # too few rows, or unusable values
         return None
     columns = base.columns(obs.context, obs.label)
     if 2 * len(obs) < len(columns) + 4:
@@ -75,24 +75,25 @@ def expected_error_of_terms(run, base='physical', seed=0):
 
 
 def expected_error(residual, keep, order, rng, ahead=_STANDS, still=np.nan):
-    """RMS of fresh stars, from rows that neither the fit nor the choice has seen.
+    """RMS of new stars, from cross-validated residuals.
 
-    The squares of rows left out are averaged; the error of their mean is that of their scatter, or
-    of the jackknife over stretches of the night where that is larger (`_error_of_mean`). Where they
-    grow or fade along the night it is what they are at its end, as far as they show it. Where the
-    zero wanders its part is what simulated nights have after their last row.
+    It is the root of the mean square of these residuals. The standard error of the mean square
+    comes from the scatter of the squares, or from a jackknife over blocks of the night if that is
+    significantly larger (`_error_of_mean`). If the squares grow or decay along the night, the
+    estimated level at its end is used. If the zero drifts, its contribution comes from simulated
+    nights after their last row.
 
     Parameters
     ----------
     residual : ndarray, shape (2, n)
-        Of rows left out, the choice repeated, radians.
+        Cross-validated residuals, effects re-selected per fold, radians.
     keep : ndarray of bool, shape (n,)
-        Without the outliers.
+        Rows that are not outliers.
     order : ndarray of int, shape (n,)
-        Rows as they were observed.
+        Rows in the order of observation.
     rng : numpy.random.Generator
     ahead, still : ndarray, shape (b,)
-        As of `ahead`; by default nothing wanders.
+        Results of `ahead`; by default no drift.
 
     Returns
     -------
@@ -103,9 +104,9 @@ def expected_error(residual, keep, order, rng, ahead=_STANDS, still=np.nan):
     level, chance = _along(squares)
     means = (squares / level).mean(axis=1)
     sigma, free = _error_of_mean(squares / level[np.argmax(chance)])
-    # where the zero wanders, that is why the rows scatter differently along the night
+    # with a drifting zero use its noise: the drift explains a scatter that varies along the night
     still = np.where(np.isnan(still), rng.choice(means, len(ahead), p=chance), still)
-    # of few rows hardly anything is known: what is far beyond every quantile must stay a number
+    # with few rows the distribution is very wide: clip it far beyond the quantiles, to stay finite
     off = np.clip(sigma * rng.standard_t(free, len(ahead)), -_FARTHEST, _FARTHEST)
     drawn = still * np.exp(off + _FRESH**-0.5 * rng.standard_normal(len(ahead))) + ahead
     tail = 0.5 - 0.5 * CONFIDENCE
@@ -115,13 +116,13 @@ def expected_error(residual, keep, order, rng, ahead=_STANDS, still=np.nan):
 
 
 def _error_of_mean(squares):
-    """Error of the logarithm of a mean of squares, and its degrees of freedom.
+    """Standard error of the logarithm of a mean of squares, and its degrees of freedom.
 
-    From row to row; from stretch to stretch, if these differ by more than rows do: jackknife
-    (Efron 1982, The Jackknife, the Bootstrap and Other Resampling Plans, chapter 3).
+    From the scatter of rows, or, if blocks differ significantly more than that, from the jackknife
+    over blocks (Efron 1982, The Jackknife, the Bootstrap and Other Resampling Plans, chapter 3).
     """
     n = len(squares)
-    # of normal noise the squares of two axes scatter by their mean
+    # for normal noise the sum of squares of two axes has a standard deviation equal to its mean
     scatter = (n * squares.var() / squares.mean()**2 + _NORMAL) / (n + _NORMAL)
     blocks = np.array_split(squares, min(_BLOCKS, max(n // 3, 2)))
     sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
@@ -134,17 +135,17 @@ def _error_of_mean(squares):
 
 
 def _along(squares):
-    """Levels (k, n) of the noise along the night, squared, 1 at its end, and their chances (k,).
+    """Relative noise variance along the night (k, n), 1 at its end, and posterior weights (k,).
 
-    Its root goes along a straight line from one end to the other: half of the prior is that it
-    stays, the other half is even in the logarithm of the ratio.
+    Sigma changes linearly along the night. Half of the prior is on constant noise, the other half
+    is uniform in the logarithm of the ratio of sigma at start and end.
     """
     start = np.exp(np.linspace(-_GROWTH, _GROWTH, 2 * _RATIOS + 1))
     level = np.square(start[:, None] + (1.0 - start[:, None]) * np.linspace(0.0, 1.0, len(squares)))
     each = squares / level
     mean = each.mean(axis=1)
     log_l = -np.log(level).sum(axis=1) - len(squares) * np.log(np.maximum(mean, 1e-300))
-    # rows that scatter more than normal noise say less
+    # temper the likelihood if squares scatter more than those of normal noise
     best = np.argmax(log_l)
     log_l /= max(np.var(each[best] / max(mean[best], 1e-300)), 1.0)
     prior = np.where(start == 1.0, 0.5, 0.25 / _RATIOS)
@@ -153,11 +154,11 @@ def _along(squares):
 
 
 def ahead(problem, chosen, rng):
-    """What a wandering zero does to fresh stars in the half hour (or ten rows) after the last row.
+    """Effect of a drifting zero on new stars in the half hour (or ten rows) after the last row.
 
-    Nights are simulated that have left these residuals (simple kriging; Cressie 1993, Statistics
-    for Spatial Data, section 3.2), each with a memory that is likely: where the zero is after the
-    last row is known in part.
+    Simulates nights conditional on the residuals (simple kriging; Cressie 1993, Statistics for
+    Spatial Data, section 3.2), each with noise parameters drawn from their posterior. The zero
+    after the last row is partly known.
 
     Parameters
     ----------
@@ -168,10 +169,10 @@ def ahead(problem, chosen, rng):
     Returns
     -------
     squares : ndarray, shape (b,)
-        Of each night: mean square of the zero then, of both axes on the sky, rad^2; zero where
-        nothing wanders.
+        Mean square of the zero after the last row of each night, both axes on the sky, rad^2; 0
+        without drift.
     still : ndarray, shape (b,)
-        Mean square of fresh stars without it, rad^2; NaN where nothing wanders.
+        Mean square of new stars without the zero's part, rad^2; NaN without drift.
     """
     plain = problem.plain.fit(chosen)
     raw, root = (v.reshape(2, -1) for v in (plain.raw, plain.noise.root))
@@ -185,12 +186,12 @@ def ahead(problem, chosen, rng):
             squares[nights] += _after(problem.sequence, every[k], root[axis] * plain.scale[axis]
                                       / every[k].scale, raw[axis], len(nights), rng)
             noise[axis, nights] = (unit[axis] * every[k].scale)**2
-    fitted = 1.0 + len(plain.basis) / (2.0 * problem.n)  # the error of the terms
+    fitted = 1.0 + len(plain.basis) / (2.0 * problem.n)  # adds the error of the terms
     return squares, np.where(squares > 0.0, fitted * noise.sum(axis=0), np.nan)
 
 
 def _after(sequence, one, root, raw, count, rng):
-    """Mean square of a process after the last row, shape (count,), by what it left in the rows."""
+    """Mean square of a process after the last row, given the residuals; shape (count,)."""
     last = sequence.order[sequence.run[sequence.order] == sequence.run[sequence.order[-1]]]
     rows = last[root[last] > 0.0][-_SOME:]
     n = len(rows)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the history of a run tells beside its effects: a lag, the slew that slipped, a column."""
+"""Further facts from the history of a run: a thermal lag, the slew that slipped, a column."""
 
 import numpy as np
 
@@ -24,13 +24,13 @@ from pointing_model.effects.thermal import BEFORE
 from ..finding import Finding
 from .run_problem import effect_bank
 
-#: lags that are tried, in each other; of 2 ln of the likelihood, within one sigma of the best
+#: grid of lags, relative to the length of the run; drop in BIC gain of a 1-sigma interval
 _LAGS, _ONE_SIGMA = np.geomspace(0.05, 4.0, 120), 1.0
-#: of the grid, from either end of which an interval is open
+#: an interval that ends within this many grid points of either end of the grid is open
 _ENDS = 2
-#: drivers that stand for whatever changes through the night
+#: drivers that are proxies for anything that changes through the night
 _CLOCKS = ('time', 'order', 'run_hours')
-#: columns that are tried as causes, at most
+#: largest number of columns tested as causes
 _MOST_COLUMNS = 20
 
 
@@ -59,7 +59,7 @@ def history_findings(run, choice):
 
 
 def _scores(run, choice, i, effects):
-    """BIC gains of effects in the place of one of a choice."""
+    """BIC gains of effects in place of effect `i` of a choice."""
     problem = run.problem
     memory = problem.fit(choice.chosen).memory
     fit = problem.fit(choice.chosen, without=i, memory=memory) if memory else problem.plain.fit(
@@ -68,7 +68,7 @@ def _scores(run, choice, i, effects):
 
 
 def _lag(run, choice, i, found):
-    """How late a temperature acts, with its interval, or why that is not known."""
+    """Lag of the response to a temperature, with its interval, or why that is unknown."""
     context, p = run.obs.context, found.parameters
     log, _ = context.log_of(p['driver'])
     time = context.get('time')
@@ -88,7 +88,7 @@ def _lag(run, choice, i, found):
 
 
 def _slew(obs, found):
-    """With which slew a zero jumped."""
+    """The slew at which a zero jumped."""
     context, axis = obs.context, found.parameters['axis']
     driver = context.get(found.driver)
     after = np.flatnonzero(driver >= found.parameters['at'])
@@ -107,7 +107,7 @@ def _slew(obs, found):
 
 
 def _column(run, choice, i, found):
-    """A column of the file, not taken as a cause, that explains what goes with the clock better."""
+    """A column of the file, not used as a driver, that explains a drift with time better."""
     context = run.obs.context
     own = _scores(run, choice, i, [found])[0]
     best = None

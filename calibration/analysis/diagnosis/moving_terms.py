@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Terms beside the zeros that each session has for itself: how far they move, and with what."""
+"""Terms other than the zeros that are fitted to each session: their variation and its driver."""
 
 import numpy as np
 
@@ -25,24 +25,24 @@ from ..finding import Finding
 
 #: kind of the Finding
 MOVING = 'term of each session'
-#: standard errors of the difference of the extremes, from where a term moves: of 67 sessions of
-#: one value the extremes of white noise are 3.4 apart
+#: a term varies if its extremes differ by more than this many standard errors of the difference:
+#: for a constant term and white noise, the extremes of 67 sessions differ by 3.4
 _APART = 4.0
-#: sessions, and the chance that any column follows so well, from where one is named
+#: fewest sessions, and largest p-value over all columns and terms, to name a driver
 _FEWEST, _BY_CHANCE = 4, 0.01
 
 
 def moving_findings(run, choice, fit, run_terms):
-    """A Finding for each term beyond the zeros that differs from session to session.
+    """A Finding for each term other than the zeros that varies from session to session.
 
     Parameters
     ----------
     run : RunProblem
     choice : ModelChoice
     fit : Estimate
-        Of the choice.
+        Fit with the effects of the choice.
     run_terms : dict
-        Run -> terms that it fitted for itself, arcsec.
+        Run -> terms fitted to that run alone, arcsec.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def _sigmas(run, choice, fit):
 
 
 def _drivers(obs):
-    """Mean in each session of what may drive a term, where all sessions have it."""
+    """Mean of each possible driver in each session, if all sessions have it."""
     out, labels = {}, np.unique(obs.label)
     for name in ('temperature', 'time', *obs.context.extra()):
         value = obs.context.get(name)
@@ -98,7 +98,7 @@ def _drivers(obs):
 
 
 def _follows(values, drivers, terms):
-    """What a term goes with, by the correlation: driver, r, slope in arcsec a unit; or None."""
+    """Driver most correlated with a term: driver, r, slope in arcsec per unit; or None."""
     count, best = len(values), None
     if count < _FEWEST:
         return None

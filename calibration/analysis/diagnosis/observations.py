@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""The usable rows of the runs that are diagnosed, joined, and their order in time."""
+"""The usable rows of the diagnosed runs, joined, and their order in time."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -29,11 +29,11 @@ from pointing_model.runs.run import PointingRun
 
 from ..finding import Finding
 
-#: rows that are looked at of each run at least, where there are more than are looked at
+#: fewest rows sampled from each run (all rows of a shorter run)
 OF_RUN = 30
-#: rows of one star: so many rows, seconds and radians apart at most, beside the sky's own turning
+#: rows of one star: largest distance in rows, seconds and radians, plus sidereal motion, rad/s
 _LAGS, _MINUTES, _PLACE, _SIDEREAL = 6, 900.0, 60.0 * ARCSEC, 7.3e-5
-_SOON = 60.0  # s between two rows of one star, at most, where rows have no times
+_SOON = 60.0  # s, assumed interval between two rows of one star where rows have no times
 
 
 @dataclass
@@ -43,13 +43,13 @@ class Observations:
     Attributes
     ----------
     run : PointingRun
-        All of them, in order.
+        All usable rows, in order.
     encoder : {'enc', 'abs'}
-        Its columns that are diagnosed.
+        Encoder whose columns are diagnosed.
     label : ndarray of int, shape (n,)
-        Number of the run, 0, 1, ...
+        Run index, 0, 1, ...
     runs : list
-        What the numbers stand for.
+        Names of the runs by index.
     context : Context
     observed : ndarray, shape (2n,)
         Offsets, x then y, radians.
@@ -58,11 +58,11 @@ class Observations:
         ``row``, ``reason`` and ``source``: the line in the file, or the row of a run without one.
     notes : list of Finding or str
     lines : ndarray of int, shape (n,)
-        Line of each row in its file, or its row in a run without one.
+        Line of each row in its file, or its row in a run without a file.
     sources : ndarray of object, shape (n,)
-        That file, or None.
+        File of each row, or None.
     whole : Observations or None
-        All usable rows, of which these are a part.
+        All usable rows, if these are a sample of them.
     """
 
     run: PointingRun
@@ -88,14 +88,14 @@ class Observations:
 
     @cached_property
     def places(self):
-        """What each row is called by, shape (n,): its line, of several files with the file."""
+        """Label of each row for users, shape (n,): its line, with the file if there are several."""
         if len(set(self.sources)) < 2:
             return self.lines
         return np.array([f'{PurePath(str(source or "run")).name}:{line}'
                          for source, line in zip(self.sources, self.lines)], object)
 
     def select(self, rows):
-        """Some of them (indices or a slice)."""
+        """Select rows (indices or a slice)."""
         n = len(self)
         where = np.arange(n)[rows]
         both = np.hstack((where, where + n))
@@ -106,12 +106,12 @@ class Observations:
             self.lines[rows], self.sources[rows])
 
     def thinned(self, most, rng):
-        """A part of them, spread evenly over each run: one row, drawn, of every so many.
+        """A stratified random sample: one row from each of many equal intervals of each run.
 
         Parameters
         ----------
         most : int
-            Rows, about; runs of fewer than `OF_RUN` are whole.
+            Approximate number of rows; at least `OF_RUN` are kept of each run.
         rng : numpy.random.Generator
 
         Returns
@@ -138,7 +138,7 @@ def mount_of(runs):
 
 
 def observations(runs, encoder='enc'):
-    """Join runs and leave out what cannot be used, with the reason.
+    """Join runs and exclude unusable rows, with the reason.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def observations(runs, encoder='enc'):
     if not len(rows):
         raise ValueError(f'none of {len(run)} observations can be used'
                          + (f' (row {bad[0]["row"]}: {bad[0]["reason"]})' if bad else ''))
-    # the context first: what a row inherits from the one before is lost with the selection
+    # context before selection: values derived from the previous row would be lost
     context = Context.from_run(run, encoder)
     if bad:
         context, run = context.select(rows), run.select(rows)
@@ -196,7 +196,7 @@ def observations(runs, encoder='enc'):
 
 
 def run_labels(runs):
-    """Names of the runs, list, and the number of the run of each row, shape (n,)."""
+    """Names of the runs, list, and the run index of each row, shape (n,)."""
     names, labels = [], []
     for i, r in enumerate(runs):
         own = np.asarray(r['run']) if 'run' in r else np.zeros(len(r))
@@ -211,7 +211,7 @@ def run_labels(runs):
 
 
 def run_name(obs, rows):
-    """What the run of some rows is called: its file, and its number where that has several.
+    """Name of the run of some rows: its file, and its number if the file has several runs.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def run_name(obs, rows):
 
 
 def _one_clock(runs, notes):
-    """Leave out the times where they count from different starts."""
+    """Drop the times if they count from different epochs."""
     clocks = {r.meta.get('time_is_utc', True) for r in runs if 'time' in r}
     if len(clocks) < 2:
         return runs
@@ -243,7 +243,7 @@ def _one_clock(runs, notes):
 
 
 def sequence_of(context, label):
-    """The `Sequence` of the rows of a context; `label`: number of the run of each, (n,)."""
+    """The `Sequence` of the rows of a context; `label`: run index of each row, shape (n,)."""
     time = context.get('time')
     timed = time is not None and np.isfinite(time).all()
     position = np.asarray(time if timed else np.arange(len(label)), float)
@@ -252,7 +252,7 @@ def sequence_of(context, label):
 
 
 def star_groups(context, position, run, timed):
-    """Number of the star of each row; the same again within minutes."""
+    """Star index of each row; rows of one star within minutes share an index."""
     order = np.lexsort((position, run))
     place = context.direction()[:, order]
     position, run = position[order], run[order]

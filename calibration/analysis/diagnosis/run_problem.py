@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A run in the form of the search."""
+"""A run as a selection problem: observations, base columns and candidate effects."""
 
 from copy import copy
 from dataclasses import replace
@@ -36,14 +36,14 @@ from .decoder_slips import decode_slips
 from .period_scans import period_bank
 from .row_counts import row_word
 
-_CHUNK = 64  # columns that are looked through at a time
+_CHUNK = 64  # columns processed at a time
 
 
 def effect_bank(effects, context, sizes=True):
-    """`CandidateBank` of effects, their columns for the rows of a context."""
+    """`CandidateBank` of effects, with their columns for the rows of a context."""
     n, sizes_of = len(context), [len(e.coefficient_names) for e in effects]
     columns, start = np.zeros((sum(sizes_of), 2 * n)), 0
-    # hundreds of effects: `Effect.columns` of each would take twice as long
+    # there are hundreds of effects: `Effect.columns` of each would take twice as long
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         for e, size in zip(effects, sizes_of):
             e.fill(columns[start:start + size].reshape(size, 2, n), context)
@@ -53,19 +53,17 @@ def effect_bank(effects, context, sizes=True):
     return CandidateBank(effects, columns, sizes)
 
 
-#: values of a scanned number that are tried between its neighbours, where one is scanned, or two
+#: number of refined values of each scanned parameter, with one or two scanned parameters
 _FINER = {1: 9, 2: 5}
 
 
 class EffectVariants:
-    """How effects may change, and members of a scan between those tried.
-
-    Each is evaluated when it is asked for.
+    """Changes of effects with time, and scan members between the grid points; evaluated on demand.
 
     Parameters
     ----------
     context : Context
-        Of the rows.
+        Context of the rows.
     """
 
     def __init__(self, context):
@@ -77,16 +75,17 @@ class EffectVariants:
 
     def changes(self, one):
         """`CandidateBank` of the changes of an effect; it may be empty."""
-        if id(one) not in self._changes:  # the effect is kept, so its id stays its own
+        if id(one) not in self._changes:  # the stored effect keeps its id unique
             bank = (self._bank(changes(one, self._context)) if self._whole is None
                     else self._whole.changes(one).rows(self._rows))
             self._changes[id(one)] = one, bank
         return self._changes[id(one)][1]
 
     def finer(self, one, scan, level=0):
-        """Of a member of a scan the `CandidateBank` of members from the one that is tried before to
-        the one after it, of a step at all places between rows; None of other effects. At each
-        `level` four times as near to it.
+        """`CandidateBank` of members between the grid neighbours of a scan member.
+
+        For a step these are all positions between rows. None for an effect that is not scanned.
+        Each `level` narrows the interval by a factor of four.
         """
         if not one.searched:
             return None
@@ -95,12 +94,12 @@ class EffectVariants:
                            for values in product(*grids)])
 
     def _between(self, e, scan, name, part):
-        """Values of one of the numbers of a scan about that of a member."""
+        """Refined values of one scanned parameter around that of a member."""
         tried = sorted({f.parameters[name] for f in scan if f is not e})
         at = e.parameters[name]
         low = at - part * (at - max((v for v in tried if v < at), default=at))
         high = at + part * (min((v for v in tried if v > at), default=at) - at)
-        if name == 'at':  # between two rows it is everywhere the same
+        if name == 'at':  # the position of a step between two rows does not matter
             places = places_of_steps(self._context, e.driver)
             return places[(places >= low) & (places <= high)].tolist() or [e.parameters[name]]
         count = _FINER[len(e.searched)] // 2 + 1
@@ -108,14 +107,14 @@ class EffectVariants:
                        *np.linspace(at, high, count).tolist()})
 
     def rows(self, rows):
-        """Those of some rows."""
+        """Variants for a subset of the rows."""
         out = copy(self)
         out._changes, out._whole = {}, self._whole or self
         out._rows = rows if self._whole is None else self._rows[rows]
         return out
 
     def _bank(self, effects):
-        """`CandidateBank` of effects of the rows."""
+        """`CandidateBank` of effects for these rows."""
         bank = effect_bank(effects, self._context)
         return bank if self._whole is None else bank.rows(self._rows)
 
@@ -127,16 +126,16 @@ class RunProblem:
     ----------
     obs : Observations
     base : Base
-        Kept without the terms that the stars do not determine.
+        Stored without the terms that the stars do not determine.
     alpha : float
-        Chance of a slip of a decoder that is none.
+        False-alarm probability of decoder slips.
     curves : bool
-        Whether curves and waves of unknown period are offered.
+        Whether smooth curves and waves of unknown period are candidates.
 
     Attributes
     ----------
     undetermined : FitResult or None
-        As of `determined_base`.
+        See `determined_base`.
 
     Raises
     ------
@@ -167,7 +166,7 @@ class RunProblem:
         self.infeasible = ~feasible
 
     def weigh_runs(self, sigma):
-        """Weigh rows by the noise of their run, shape (runs,), for another search."""
+        """Weight rows by the noise of their run, shape (runs,), for another search."""
         for obs in filter(None, (self.obs, self.obs.whole)):
             own = np.tile(1.0 / sigma[obs.label], 2)
             obs.inverse_sigma = own if obs.inverse_sigma is None else own * obs.inverse_sigma
@@ -177,13 +176,13 @@ class RunProblem:
             periods=self.problem.periods.as_offered(), _memories={}, _fits={})
 
     def undetermined_findings(self):
-        """That the stars do not determine some terms; none where they determine all."""
+        """Findings on terms that the stars do not determine; empty if they determine all."""
         return [] if self.undetermined is None else [
             one for one in self.undetermined.findings(self.obs.run)
             if one.kind == 'undetermined terms']
 
     def _slips(self, alpha):
-        """Correct whole bars and lines; they are known amounts."""
+        """Correct slips by whole bars or lines, which are known amounts."""
         out, names = [], self.obs.context.mount.names
         for axis, graduation, rows, multiples, p in decode_slips(
                 self.obs, self.problem.fit([]), alpha):

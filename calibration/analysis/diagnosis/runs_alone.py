@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs that are each asked alone: a worm with another phase in each hides in all of them."""
+"""Search in each run alone: a worm error with a different phase per run cancels in all of them."""
 
 from dataclasses import replace
 
@@ -28,23 +28,23 @@ from .effect_choice import choose_effects
 from .run_problem import RunProblem, effect_bank
 from .scatter import axes_scatter
 
-#: rows of a run that is asked, at least; runs that are asked, at most
+#: fewest rows of a run that is searched; largest number of runs searched
 _ROWS, _MOST_RUNS = 20, 12
 
 
 def ask_runs(run, choice, alpha, flips, rng):
-    """What runs show alone, where all of them show nothing though an axis scatters more.
+    """Search each run alone, if no effect is found in all of them but one axis scatters more.
 
-    Waves of an axis that one shows are offered to all, with another phase in each run. That is not
-    predicted for runs left out: rows of each run are left out then.
+    Worm waves found in one run are offered to all, with a separate phase for each run. Such phases
+    cannot be predicted for held-out runs, so cross-validation then holds out rows, not runs.
 
     Parameters
     ----------
     run : RunProblem
-        Its problem is changed where there are such waves.
+        Its problem is changed if such waves are found.
     choice : ModelChoice
     alpha : float
-        Of all runs together.
+        Family-wise error rate over all runs.
     flips : int
     rng : numpy.random.Generator
 
@@ -53,6 +53,7 @@ def ask_runs(run, choice, alpha, flips, rng):
     shown : list of dict
         ``run``, ``effect`` (its name) and ``delta_bic``.
     offered : bool
+        Whether new waves are offered.
     """
     obs, problem = run.obs, run.problem
     hidden = any(c.effect(problem).parameters.get('runs') for c in choice.dropped_by_cv)
@@ -78,7 +79,7 @@ def ask_runs(run, choice, alpha, flips, rng):
 
 
 def _alone(run, rows, alpha, flips, rng):
-    """Effects of some rows, each with its gain; none where they do not determine the base."""
+    """Effects found in some rows, with their BIC gains; empty if the base is undetermined."""
     try:
         own = RunProblem(run.obs.select(rows), replace(run.base, own=()), alpha)
     except ValueError:

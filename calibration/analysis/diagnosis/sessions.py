@@ -13,12 +13,12 @@
 # limitations under the License.
 
 
-"""Days in one file: which rows are a session, and what each session fits for itself.
+"""Sessions in one file: which rows form a session, and which terms are fitted to each session.
 
-Between two nights a zero is set anew, a receiver is mounted again, the structure settles: what is
-one file need not be one mount. Rows before and after a gap of hours, or a step that places visited
-again show (`residual_patterns`), are sessions with zeros of their own unless one zero explains them
-as well; what else moves from session to session is chosen the same way, by BIC.
+Between two nights a zero is reset, a receiver is remounted, the structure settles: one file need
+not have one set of terms. Rows before and after a gap of hours, or before and after a step seen in
+repeated visits to the same places (`residual_patterns`), are sessions with separate zeros unless a
+common zero explains them as well. Other terms that vary between sessions are selected by BIC, too.
 """
 
 from dataclasses import replace
@@ -43,14 +43,14 @@ from .residual_patterns import MOST_ROWS, ResidualRows, step_finding
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
 GAPS = (3.0, 6.0, 12.0)
-_STEPS = 5  # in a run, at most
-#: in the place of hours: sessions begin where places visited again disagree
+_STEPS = 5  # largest number of steps in a run
+#: used in place of hours: sessions begin where repeated visits to the same places disagree
 AT_STEPS = 'steps'
-_ROWS = 10000  # that the question is put to, at most
-#: what is tried beside the zeros, together: where the camera sits, how the axis leans, how the
-#: tube and the axes stand
+_ROWS = 10000  # largest number of rows used to choose the sessions
+#: groups of terms that may vary between sessions in addition to the zeros: collimation, tilt of
+#: the first axis, tube flexure, non-perpendicular axes
 _MOVING = (('CA',), ('AN', 'AW'), ('TF',), ('NPAE',))
-#: stretches that each session is divided in, to leave one out; a shorter session is not compared
+#: number of contiguous cross-validation folds of each session, and fewest rows of a session in them
 _PARTS, _LONG_ENOUGH = 3, 9
 
 
@@ -60,11 +60,11 @@ class Sessions(NamedTuple):
     Attributes
     ----------
     runs : list of PointingRun
-        Their notes say what was done.
+        Their notes report the sessions.
     own_terms : tuple of str
-        Terms that each session (or run) fits for itself.
+        Terms fitted separately to each session (or run).
     hours : float or None
-        A gap longer than this begins a session; None: the runs are as they were given.
+        A gap longer than this begins a session; None: the runs are unchanged.
     """
 
     runs: list
@@ -74,7 +74,7 @@ class Sessions(NamedTuple):
 
 def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
             least_step=GROSS):
-    """Number the sessions, and choose what each fits for itself.
+    """Number the sessions, and choose the terms fitted to each of them.
 
     Parameters
     ----------
@@ -82,16 +82,16 @@ def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
     base : Base, optional
         The declared model; by default the physical terms of the mount.
     own_terms : sequence of str, optional
-        Terms that each session fits for itself; by default chosen: the zeros, and of CA, AN with
-        AW, TF and NPAE what pays by BIC.
+        Terms fitted separately to each session. By default the zeros, and those of CA, AN with AW,
+        TF and NPAE that gain by BIC.
     sessions : float, optional
-        A gap longer than so many hours ends a session. By default one of `GAPS`, or a step that
-        places visited again show, or none of them, whichever BIC likes best. 0: none, and the zeros
-        alone are each run's own.
+        A gap longer than this many hours ends a session. By default the division with the lowest
+        BIC: at one of `GAPS`, at steps seen in repeated visits, or none. 0: no sessions, and only
+        the zeros are fitted to each run.
     encoder : {'enc', 'abs'}
     least_step : float
-        As of `split_at_steps`. By default what makes outliers of all rows after it; a smaller one
-        is left to the search, which can judge and name it.
+        See `split_at_steps`. By default a step that makes all later rows outliers; smaller ones
+        are left to the search, which can test and name them.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
     trial = SessionTrial(obs, base, labels[most])
     found = [(*trial.best(label, own_terms), gap, parts)
              for label, (gap, parts) in zip(labels, ways)]
-    # more sessions than were given must pay, and predict stretches that are left out
+    # more sessions than given must also predict held-out stretches of time better
     found = found[:1] + [one for one in found[1:] if one[1] < found[0][1]]
     _, _, own, gap, parts = min(found, key=lambda one: one[0])
     gaps = [gap for gap, _ in ways[1:] if gap != AT_STEPS]
@@ -134,7 +134,7 @@ def arrange(runs, base=None, own_terms=None, sessions=None, encoder='enc',
 
 
 def median_findings(run, model):
-    """That the model has the medians of what each run fits for itself: none of them points by it.
+    """A Finding: terms fitted to each run are medians in the model, so it fits no single run.
 
     Parameters
     ----------
@@ -153,20 +153,20 @@ def median_findings(run, model):
 
 
 def with_zeros(model, zeros, before, after):
-    """The model with the zeros of the runs of a file, beside its indices.
+    """Add the zeros of the runs of a file to a model.
 
     Parameters
     ----------
     model : PointingModel
     zeros : iterable of PowerOnZero
     before, after : PointingRun
-        As it was read, and with its sessions numbered.
+        The run as read, and with its sessions numbered.
 
     Returns
     -------
     PointingModel
-        As it was where a number would be that of another run, or index terms act on the sky and
-        are no zeros of encoders.
+        Unchanged if sessions renumbered the runs, or if index terms act on the sky and are no
+        encoder zeros.
     """
     if model.mount.on_sky or 'run' in before and not np.array_equal(before['run'], after['run']):
         return model
@@ -174,13 +174,13 @@ def with_zeros(model, zeros, before, after):
 
 
 def with_zeros_of_terms(result, before, after):
-    """The model of a diagnosis with the zeros of its runs, where no other term is their own.
+    """Add the zeros of its runs to the model of a diagnosis, if no other term varies by run.
 
     Parameters
     ----------
     result : Diagnosis
     before, after : sequence of PointingRun
-        As of `with_zeros`; numbers of several files cannot be distinguished: those carry none.
+        See `with_zeros`. With several files nothing is added: their run numbers are ambiguous.
     """
     index, model, own = result.model.mount.names.index, result.model, result.run_terms
     before = [before] if isinstance(before, PointingRun) else before
@@ -193,19 +193,19 @@ def with_zeros_of_terms(result, before, after):
 
 
 def divisions(runs, terms, encoder, least_step):
-    """Runs as they are given, and every other way to divide them into sessions.
+    """The runs as given, and all other ways to divide them into sessions.
 
     Parameters
     ----------
     runs : list of PointingRun
     terms, encoder, least_step
-        As of `split_at_steps`.
+        See `split_at_steps`.
 
     Returns
     -------
     list of (float or str or None, list of PointingRun)
-        The gap in hours, `AT_STEPS`, or None: as they are given. Of two gaps that make the same
-        sessions the shorter one.
+        The gap in hours, `AT_STEPS`, or None (as given). Of gaps that give equally many sessions
+        only the shortest.
     """
     out = {}
     at_steps = [split_at_steps(run, terms, encoder, least_step) for run in runs]
@@ -216,21 +216,21 @@ def divisions(runs, terms, encoder, least_step):
 
 
 def split_at_steps(run, terms=(), encoder='enc', least_step=0.0):
-    """A run with sessions that begin where places visited again disagree at once.
+    """Split a run into sessions at sudden steps between repeated visits to the same places.
 
     Parameters
     ----------
     run : PointingRun
     terms : sequence of str
-        That are fitted and leave the residuals which are compared; without any the physical ones.
+        Terms fitted before residuals are compared; by default the physical ones.
     encoder : {'enc', 'abs'}
     least_step : float
-        Times the noise of one visit, from where a step begins a session.
+        Smallest step that begins a session, in units of the noise of one visit.
 
     Returns
     -------
     PointingRun
-        With a Finding for each step; as it was where there is none.
+        With a Finding for each step; unchanged if there is none.
     """
     terms = tuple(terms) or run.mount.names.physical
     step = -(-len(run) // MOST_ROWS)
@@ -240,7 +240,7 @@ def split_at_steps(run, terms=(), encoder='enc', least_step=0.0):
         part, own = run if step < 2 else run.select(slice(None, None, step)), 'run' in run
         try:
             fitted = fit_terms(part, terms, encoder=encoder, run_zeros=own)
-        except ValueError:  # whoever fits them says why
+        except ValueError:  # the fit of the terms will report the reason
             break
         rows = ResidualRows.from_fit(part, fitted, encoder)
         if step > 1:
@@ -252,7 +252,7 @@ def split_at_steps(run, terms=(), encoder='enc', least_step=0.0):
         first = int(np.flatnonzero(run.lines == found['after'])[0])
         later = (label == label[first]) & (when >= when[first])
         label = 1 + np.unique(2.0 * label + later, return_inverse=True)[1]
-        if label.max() == session_count([run]):  # it is where a session begins anyway
+        if label.max() == session_count([run]):  # the step is where a session begins already
             break
         run = add_note(PointingRun({**run.columns, 'run': label}, run.meta),
                        replace(found, todo='own zeros'))
@@ -260,12 +260,12 @@ def split_at_steps(run, terms=(), encoder='enc', least_step=0.0):
 
 
 def split_run(run, hours):
-    """A run with its sessions numbered, and a note of how many there are.
+    """Number the sessions of a run, and add a note of how many there are.
 
     Raises
     ------
     ValueError
-        No number of hours above 0, or no time in some row: with the file.
+        `hours` is not positive, or some row has no time (the message names the file).
     """
     if not hours > 0.0:
         raise ValueError(f'sessions at gaps of {hours:g} h: give a number of hours above 0')
@@ -284,33 +284,33 @@ def split_runs(runs, hours):
 
 
 def _split(runs, hours):
-    """Runs split at gaps; as it is what has no time in some row."""
+    """Split runs at gaps; runs with missing times are unchanged."""
     return [run.split_sessions(hours) if np.isfinite(np.asarray(run.get('time'), float)).all()
             else run for run in runs]
 
 
 def session_count(runs):
-    """Runs in `runs`, by file and column."""
+    """Total number of runs, by files and their column ``run``."""
     return sum(len(np.unique(run['run'])) if 'run' in run else 1 for run in runs)
 
 
 def session_note(run, kind, hours):
-    """The run with a Finding on its sessions."""
+    """Add a Finding on its sessions to a run."""
     return add_note(run, Finding(kind, hours, unit='h', evidence={
         'source': Path(run.meta.get('source', 'run')).name,
         'sessions': len(np.unique(run['run'])) if 'run' in run else 1}))
 
 
 def add_note(run, found):
-    """The run with a Finding more among its notes."""
+    """Add a Finding to the notes of a run."""
     return PointingRun(run.columns, {
         **run.meta, 'notes': [*run.meta.get('notes', ()), found]})
 
 
 class SessionTrial:
-    """Fits with terms of each session's own, all with the weights of one robust fit.
+    """Fits with terms that vary by session, all with the weights of one robust fit.
 
-    A fit that may call rows outliers that another has explained would win by it.
+    With separate weights, a fit could win by rejecting as outliers rows that another one explains.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ class SessionTrial:
     base : Base
         Without own terms.
     session : ndarray of int, shape (n,)
-        Of each row, where the sessions have the most freedom.
+        Session of each row, in the division with most sessions.
     """
 
     def __init__(self, obs, base, session):
@@ -334,19 +334,19 @@ class SessionTrial:
         self._live = fit.weights > LIVE
 
     def best(self, session, own_terms):
-        """Score of some sessions, and the own terms that reach it.
+        """Score a division into sessions, with the best terms that vary by session.
 
         Parameters
         ----------
         session : ndarray of int, shape (n,)
-            Of each row.
+            Session of each row.
         own_terms : sequence of str or None
-            None: to be chosen.
+            Terms that vary by session; None: forward selection.
 
         Returns
         -------
         tuple
-            (BIC, RMS of stretches left out, own terms).
+            (BIC, cross-validated RMS on contiguous folds, own terms).
         """
         label = np.unique(session, return_inverse=True)[1]
         if label.max() == 0:
@@ -369,7 +369,7 @@ class SessionTrial:
         return bic, left_out, own
 
     def _score(self, own, label):
-        """k ln n - 2 ln L, with noise of its own for each axis, and the RMS of rows left out."""
+        """BIC, k ln n - 2 ln L, with separate noise for each axis, and the cross-validated RMS."""
         columns = replace(self._base, own=own).columns(self._context, label)
         live = int(self._live.sum())
         residual, count = self._fit(columns, self._root)
@@ -391,7 +391,7 @@ class SessionTrial:
         return bic, np.sqrt(total / max(long_enough.sum(), 1))
 
     def _fit(self, columns, root):
-        """What is left of all rows, shape (2n,), and how many coefficients were determined."""
+        """Residuals of all rows, shape (2n,), and number of determined coefficients."""
         common, b, noise = columns.common, self._left, WhiteNoise(root)
         groups = columns.whitened(noise).orthonormal_groups()
         white, left = noise.whiten(common), groups.off(noise.whiten(b))
@@ -402,7 +402,7 @@ class SessionTrial:
         p = np.linalg.lstsq((white / scale).T, left, rcond=EIGEN)[0] / scale[:, 0]
         out = b - p @ common
         if columns.groups:
-            # what the rows of a session hardly determine is taken as zero
+            # terms that the rows of a session hardly determine are set to zero
             known = inverse_root(columns.own_normal(root**2), DISTINCT**2)
             out -= columns.spread(columns.share(out[None], root**2, known))[0]
         return out, len(groups) + np.count_nonzero(white.any(axis=1))
