@@ -30,17 +30,23 @@ from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.runs.columns.cell_values import TextRows, decimal_points, is_number
 from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.column_names import CSV_NAMES
+from pointing_model.runs.columns.declarations import declarations
 from pointing_model.runs.columns.pier_side import sides_of
 from pointing_model.runs.columns.run_table import content, lines_of, own_name
 from pointing_model.runs.columns.solve_columns import may_be_hours, refuse_hours
+from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
 from pointing_model.runs.run import COLUMNS, column_name
-from pointing_model.sky.refraction import air_of_rows
-from pointing_model.sky.site import Site
+from pointing_model.runs.run_reader import EQUINOXES
+from pointing_model.sky.refraction import air_of_rows, unused_air
+from pointing_model.sky.site import SITE, Site, site_contradictions
 from pointing_model.zero import carried_zeros
 from pointing_model.zero_drift import KEY
 
+from .commands.options import check_mount, given_air, given_site
+
 #: columns of such a table
 SKY = ('ra_deg', 'dec_deg')
+
 
 def apply_to_table(model, args):
     """Turn the directions of a table into encoder angles, or back.
@@ -58,7 +64,8 @@ def apply_to_table(model, args):
     delimiter : str
     notes : list of str
     """
-    table = _table(args.file)
+    table, declared = _table(args.file)
+    more = _take_declared(args, declared, model.mount)
     header, lines, reasons = table.header, table.lines, table.reasons
     rows = [table.column(i) for i in range(len(header))]
     cells = dict(zip(header, rows))
@@ -67,6 +74,12 @@ def apply_to_table(model, args):
     of_sky = not args.reverse and is_sky(cells, places)
     pair = readings if args.reverse else SKY if of_sky else places
     columns, notes = _drivers(table, cells, pair, places, args)
+    notes += [*more, *declared['notes']]
+    if not of_sky:
+        if args.equinox != 'auto':
+            raise ValueError(f'{table.path}: --equinox is of ra_deg, dec_deg, which are not taken '
+                             'here; leave it out')
+        notes += [unused_air(*pair)] if given_air(args) else []
     az, el = (_angles(table, column, cells) for column in pair)
     if of_sky:
         check_sky(table, az, el, cells)
@@ -77,7 +90,7 @@ def apply_to_table(model, args):
     az, el = np.where(used, az, 0.0), np.where(used, el, 45.0)
     folded = np.zeros(len(used), bool)  # places of the sky that the mount reads through the pole
     if of_sky:
-        az, el, height = observed(model, az, el, columns, cells, used, args, notes)
+        az, el, height = observed(model, az, el, columns, cells, used, args, declared, notes)
         if (used & (height < 0.0)).any():
             notes.append(f'below the horizon: {_rows(lines[used & (height < 0.0)])}')
     elif model.mount.two_sided and 'pier_side' in cells:
@@ -126,8 +139,22 @@ def apply_to_table(model, args):
     return [[*header, *names], *zip(*rows, *texts)], table.delimiter, notes
 
 
+def _take_declared(args, declared, mount):
+    """Take the site of a table's comments where no option gives it; refuse that of another mount.
+
+    Returns notes. The keys of `declared`: see `declarations`.
+    """
+    site, given = declared.get('site', {}), given_site(args)
+    for one in SITE.values():
+        if one.field in {*site} - {*given}:
+            setattr(args, one.field, site[one.field] / one.size)
+    args.mount = args.mount or declared.get('mount_declared')
+    check_mount(args, args.model, mount)
+    return site_contradictions(given, site)
+
+
 def _table(file):
-    """The cells."""
+    """The cells, and what comments above them declare."""
     if file == '-':
         name = 'standard input'
         if sys.stdin.isatty():
@@ -138,7 +165,7 @@ def _table(file):
     lines = lines_of(name, data) if data.strip() else []
     if not content(lines):
         raise ValueError(f'{name} is empty; it needs a header row, as az_deg,el_deg')
-    return Cells(name, lines)
+    return Cells(name, lines), declarations(name, lines, header=True)
 
 
 def _angles(table, column, cells):
@@ -282,14 +309,14 @@ def check_sky(table, ra, dec, cells):
                 int(i): 'is no such angle in degrees' for i in np.flatnonzero(bad)})
 
 
-def observed(model, ra, dec, columns, cells, used, args, notes):
+def observed(model, ra, dec, columns, cells, used, args, declared, notes):
     """The angles that a perfect mount of this kind reads there.
 
     Parameters
     ----------
     model : PointingModel
     ra, dec : ndarray, shape (n,)
-        Degrees: ICRS, or apparent places of date with ``args.equinox``.
+        Degrees, in the frame that ``args.equinox`` or the table gives, else ICRS.
     columns : dict of str to ndarray
         Drivers in SI: ``time``, and the air where it is given.
     cells : dict
@@ -298,6 +325,8 @@ def observed(model, ra, dec, columns, cells, used, args, notes):
         Rows that are not left out.
     args : argparse.Namespace
         Of the command: site, air, equinox.
+    declared : dict
+        What the table's comments say of the frame and the air.
     notes : list of str
         Gets what is to be said of them.
 
@@ -320,13 +349,12 @@ def observed(model, ra, dec, columns, cells, used, args, notes):
     time = columns['time']
     if not np.isfinite(time[used]).all():
         raise ValueError('ra_deg, dec_deg need the time of every row')
-    given = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
     air, said = air_of_rows(args.height, columns.get('pressure'), columns.get('temperature'),
-                            given={name: v for name, v in given.items() if v is not None})
+                            declared.get('weather'), given_air(args))
     notes += said
     how = {'longitude_deg': args.longitude, 'latitude_deg': args.latitude,
-           'height_m': args.height or 0.0, 'of_date': args.equinox == 'date',
-           'pressure_hpa': air.pressure_hpa, 'temperature_c': air.temperature_c}
+           'height_m': args.height or 0.0, 'pressure_hpa': air.pressure_hpa,
+           'temperature_c': air.temperature_c}
     time = np.where(used, time, time[used][0] if used.any() else 0.0)
     latitude = model.mount.latitude if args.latitude is None else args.latitude * DEG
     refuse_hours(args.file, ra[used] * DEG, dec[used] * DEG, time[used],
@@ -334,6 +362,11 @@ def observed(model, ra, dec, columns, cells, used, args, notes):
     if may_be_hours(ra[used]):
         notes.append(f'ra_deg never exceeds {ra[used].max():.3g}: taken as degrees; are these '
                      'hours?')
+    frame = EQUINOXES.get(args.equinox) or declared.get('sky_frame', ICRS)
+    if frame != declared.get('sky_frame', frame):
+        notes.append(f'the table says that its places are {declared["sky_frame"].text}, they were '
+                     f'read as {frame.text}')
+    ra, dec = (np.degrees(v) for v in to_icrs(ra * DEG, dec * DEG, frame, time))
     found = axis_angles(model, ra, dec, time, **how)
     if not (model.mount.two_sided and 'pier_side' in cells):
         return found

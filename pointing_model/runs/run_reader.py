@@ -18,11 +18,12 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
-from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, Mount, parse_mount
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
 from pointing_model.runs.plate_solves.mapping import looks_like_mapping
-from pointing_model.runs.run import PointingRun, known_site
+from pointing_model.runs.run import REQUIRED, PointingRun, known_site
+from pointing_model.sky.refraction import unused_air
+from pointing_model.sky.site import site_contradictions
 
 from . import formats
 from .columns import axis_places, hints, row_checks, solve_columns
@@ -123,10 +124,12 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     table.meta = meta
     if encoder == 'abs':
         swap_encoders(path, columns, meta)
+    if weather and 'ra_deg' not in columns:
+        meta['notes'].append(unused_air(*map(table.label, REQUIRED[:2])))
     altazimuth = table.names is ALTAZ.names and 'lst_given' not in columns
     _settle_origin(azimuth_origin, meta, altazimuth)
     if site is not None:
-        _compare_site(site, meta)
+        meta['notes'] += site_contradictions(known_site({'site': site}), known_site(meta))
         meta['site'] = {**(meta.get('site') or {}), **site} if isinstance(site, dict) else site
     if equinox is not None:
         _settle_equinox(path, table, equinox)
@@ -138,6 +141,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     row_checks.to_si(columns)
     row_checks.flag_numbers(table)
     row_checks.blank_absurd(table)
+    row_checks.bridge_gaps(table)
     axis_places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
     axis_places.mount_ascension(path, table)
     if mount.vertical:
@@ -264,10 +268,3 @@ def _settle_equinox(path, table, given):
         table.meta['notes'].append(f'the file says that its places are {declared.text}, they were '
                                    f'read as {frame.text}')
     table.meta.update(sky_frame=frame, equinox_given=given)
-
-
-def _compare_site(site, meta):
-    mine, theirs = (known_site(of).get('latitude') for of in ({'site': site}, meta))
-    if mine is not None and theirs is not None and abs(mine - theirs) > 0.01 * DEG:
-        meta['notes'].append(f'the file says latitude {theirs / DEG:.4f} deg, it was '
-                             f'read with {mine / DEG:.4f} deg')

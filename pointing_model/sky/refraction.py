@@ -163,6 +163,12 @@ def air_of_rows(height, pressure=None, temperature=None, declared=None, given=No
         text, *notes]
 
 
+def unused_air(first, second):
+    """What to say where air is given, and the places of the columns are refracted already."""
+    return (f'--pressure and --temperature change nothing: {first}, {second} are taken as '
+            'refracted places')
+
+
 def odd_pressure(pressure, height):
     """What to say of a pressure (hPa) that weather does not make at a height (m), a list."""
     usual = standard_pressure(height)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 
 
 class Quantity(NamedTuple):
@@ -56,6 +56,36 @@ class Quantity(NamedTuple):
 SITE = {'latitude_deg': Quantity('latitude', 'degrees', DEG, -90.0, 90.0),
         'longitude_deg': Quantity('longitude', 'degrees', DEG, -180.0, 360.0),
         'height_m': Quantity('height', 'm', 1.0, -500.0, 10000.0)}
+
+
+#: by which numbers of one site may differ, degrees and metres
+_SAME_ANGLE, _SAME_HEIGHT = 0.01, 100.0
+
+
+def site_contradictions(given, declared):
+    """What to say of a site that is given in place of another one of a file.
+
+    Parameters
+    ----------
+    given, declared : dict
+        Fields of `Site`, those that are known.
+
+    Returns
+    -------
+    list of str
+    """
+    notes = []
+    for one in SITE.values():
+        mine, theirs = (of.get(one.field) for of in (given, declared))
+        if mine is None or theirs is None:
+            continue
+        angle = one.size == DEG
+        away = wrap(mine - theirs) / DEG if angle else mine - theirs
+        if abs(away) > (_SAME_ANGLE if angle else _SAME_HEIGHT):
+            unit = 'deg' if angle else one.unit
+            notes.append(f'the file says {one.field} {theirs / one.size:.7g} {unit}, it was read '
+                         f'with {mine / one.size:.7g} {unit}')
+    return notes
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def run(args):
     from pointing_model.model_application import NEWEST, NO_ZEROS
     from pointing_model.mounts import ALTAZ
     from pointing_model.runs.columns.cells import write_rows
-    from pointing_model.runs.model_reader import OURS, read_model
+    from pointing_model.runs.model_reader import read_model
 
     from ..apply_table import apply_to_table
     from .console import new_console, print_lines, step_aside
@@ -72,8 +72,6 @@ def run(args):
             raise ValueError(f'--zero {args.zero}: write newest, none or the number of a '
                              'run') from None
     loaded = read_model(args.model, options.mount_of(args) or ALTAZ)
-    if loaded.program == OURS:
-        options.check_mount(args, args.model, loaded.model.mount)
     rows, delimiter, notes = apply_to_table(loaded.model, args)
     if args.out:
         with beside(args.out) as part, open(

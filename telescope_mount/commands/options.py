@@ -234,7 +234,20 @@ def check_mount(args, path, mount):
             args.latitude - degrees(mount.latitude)) > _SAME_LATITUDE:
         latitude = f', latitude {degrees(mount.latitude):.4f} deg' if mount.celestial else ''
         raise ValueError(f'{path} is of a mount that is {mount.kind}{latitude}: leave --mount '
-                         'and --latitude out, or fit its run anew')
+                         'and --latitude (in a table its comments) out, or fit its run anew')
+
+
+def given_site(args):
+    """Fields of `Site` that options give, SI."""
+    from pointing_model.sky.site import SITE
+    return {one.field: float(getattr(args, one.field)) * one.size for one in SITE.values()
+            if getattr(args, one.field) is not None}
+
+
+def given_air(args):
+    """Fields of `Weather` that options give."""
+    return {name: float(value) for name, value in (
+        ('pressure_hpa', args.pressure), ('temperature_c', args.temperature)) if value is not None}
 
 
 def place_of(args):
@@ -243,11 +256,9 @@ def place_of(args):
     Of site and weather what is given: the rest is what the file gives, see `read_run`.
     """
     from pointing_model.sky.refraction import Weather
-    from pointing_model.sky.site import SITE, Site
-    site = {one.field: getattr(args, one.field) * one.size for one in SITE.values()
-            if getattr(args, one.field) is not None}
+    from pointing_model.sky.site import Site
+    site, weather = given_site(args), given_air(args)
     Site(**site)  # refuses what is out of range
-    weather = _given(pressure_hpa=args.pressure, temperature_c=args.temperature)
     Weather(**weather)
     return _given(azimuth_origin=args.azimuth_origin, mount=args.mount, site=site or None,
                   weather=weather or None,

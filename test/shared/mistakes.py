@@ -135,7 +135,7 @@ MISTAKES = [
     ('a header and no row', 'fit header_only.csv', 'header_only.csv', 'no observations'),
     ('an empty folder', 'fit nothing', 'nothing', 'no .mcap file'),
     ('a folder of images', 'fit images', 'mount.yaml'),
-    ('a workbook', 'fit excel.xlsx', 'excel.xlsx is a workbook', 'save the table as CSV'),
+    ('a workbook', 'fit excel.xlsx', 'excel.xlsx is a workbook', 'save its table as CSV'),
     ('a picture', 'fit picture.png', 'picture.png', 'is a binary file'),
     ('notes', 'fit notes.txt', 'notes.txt is not a pointing run', 'az_deg, el_deg'),
     ('a CSV in UTF-16', 'diagnose utf16.csv', 'utf16.csv', 'UTF-16', 'save it as CSV in UTF-8'),

@@ -321,10 +321,32 @@ def test_the_air_of_places_of_the_sky_is_that_of_the_height(ended, model, tmp_pa
     assert elevation() > elevation('--height', '2400') + 1e-3
 
 
+def test_comments_above_a_table_of_directions_declare(ended, model, tmp_path):
+    given, row = tmp_path / 'in.csv', '2026-07-15T13:00:00Z 279.2347  38.7837\n'
+
+    def place(comments, *options):
+        given.write_text(f'{comments}time ra_deg dec_deg\n{row}')
+        code, out, err = ended('apply', model[0], given, *options)
+        assert code == 0
+        return [float(word) for word in out.splitlines()[-1].split()[3:5]], err
+    site = ('--latitude', '34.3', '--longitude', '109', '--height', '2400')
+    declared = '# latitude_deg: 34.3\n# longitude_deg: 109\n# height_m: 2400\n'
+    wanted, err = place('', *site, '--equinox', 'date', '--pressure', '700')
+    assert 'the table says' not in err and wanted == place(
+        f'{declared}# frame: of date\n# pressure_hpa: 700\n')[0]
+    other, err = place(f'{declared}# frame: of date\n', '--equinox', 'j2000', '--longitude', '110')
+    assert 'the table says that its places are of date, they were read as ICRS' in err
+    assert 'the file says longitude 109 deg, it was read with 110 deg' in err
+    assert abs(other[0] - wanted[0]) > 0.01
+
+
 @pytest.mark.parametrize('text, options, words', [
     ('ra_deg,dec_deg\n1,2\n', ['--latitude', '5', '--longitude', '5'], 'need the time'),
     ('ra_deg,dec_deg\n1,2\n', ['--time', '2026-01-15T13:00:00Z'], 'need the site'),
     ('ra_deg,dec_deg\n1,95\n', ['--time', '2026-01-15T13:00:00Z'], "'95' is no such angle"),
+    ('az_deg,el_deg\n1,2\n', ['--equinox', 'date'], '--equinox is of ra_deg'),
+    ('# mount: german\naz_deg,el_deg\n1,2\n', [], 'is of a mount that is altaz'),
+    ('# frame: tomorrow\naz_deg,el_deg\n1,2\n', [], "row 1: frame 'tomorrow' is unknown"),
 ])
 def test_places_of_the_sky_need_time_and_site(refused, model, tmp_path, text, options, words):
     given = tmp_path / 'in.csv'

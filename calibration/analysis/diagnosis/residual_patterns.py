@@ -58,7 +58,7 @@ _BY_CHANCE, _AT_MOST = 1e-3, 3.0
 #: kinds that say where to look first
 PATTERNS = (*MOVES, _JUMP, MOVING, NOISIER, _ALIKE, _TOGETHER, *GEARS)
 #: the same of a fit, which looks for no effect that may do what a reading of the columns does
-OF_A_FIT = ('better reading', *PATTERNS)
+OF_A_FIT = ('better reading', 'implausible term', *PATTERNS)
 #: times that the RMS must fall by zeros that jump once (where they drift evenly it falls to a half:
 #: 0 of 2250 runs of white noise, walks, drifts and heavy tails); rows on either side, at least, and
 #: degrees of freedom

@@ -16,7 +16,7 @@
 
 A row whose cells are not as many as the header's costs that row; most rows of another length, or a
 column twice, the file. Cells are divided by commas, semicolons or tabs, whichever the header has
-most of. What numbers and times cost is in `run_table.cost_rows`.
+most of, or by blanks. What numbers and times cost is in `run_table.cost_rows`.
 """
 
 import csv
@@ -63,6 +63,8 @@ class Cells(TextRows):
         """
         body = content(lines)
         self.delimiter = delimiter or delimiter_of(body[0][1])
+        if self.delimiter == ' ':
+            body = [(number, line.expandtabs()) for number, line in body]
         header = split_row(body[0][1], self.delimiter)
         if header is None:
             raise ValueError(f'{path}, row {body[0][0]}: a quoted name does not end on its line')
@@ -95,7 +97,7 @@ class Cells(TextRows):
         width = len(self.header)
         try:
             rows = list(csv.reader((line for _, line in body), delimiter=self.delimiter,
-                                   strict=True))
+                                   strict=True, skipinitialspace=True))
         except csv.Error:
             rows = []
         if len(rows) != len(body):  # a quoted cell runs over the end of its line
@@ -126,15 +128,16 @@ class Cells(TextRows):
 def split_row(line, delimiter):
     """Cells of a line; None where a quoted one does not end on it."""
     try:
-        rows = list(csv.reader([line], delimiter=delimiter, strict=True))
+        rows = list(csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=True))
     except csv.Error:
         return None
     return rows[0] if len(rows) == 1 else None
 
 
 def delimiter_of(line):
-    """What divides the cells of a header: a comma, a semicolon or a tab."""
-    return max(',;\t', key=lambda delimiter: len(split_row(line, delimiter) or ()))
+    """What divides the cells of a header: a comma, a semicolon or a tab, without any blanks."""
+    best = max(',;\t', key=lambda delimiter: len(split_row(line, delimiter) or ()))
+    return best if best in line else ' '
 
 
 def plain_text(cell):

@@ -94,10 +94,10 @@ def without_header(path, body, delimiter):
     rows = [row for row in rows if len(row) == len(rows[0])]
     names, assumed, mount = _guess(list(zip(*rows)))
     before = ''.join(f'"{line}", ' for line in mount)
+    between = delimiter if delimiter and delimiter.isprintable() else ' '
     return (f'{path} is not a pointing run: it has no header row; write above the numbers '
-            f'{before}"{",".join(names)}"'
-            + (f' ({assumed})' if assumed else '')
-            + ('' if delimiter else ', and commas between the cells'))
+            f'{before}"{between.join(names)}"'
+            + (f' ({assumed})' if assumed else ''))
 
 
 def _guess(columns):

@@ -20,7 +20,9 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ, unit_vector
 from pointing_model.runs.copies import SAME, copies, written_twice
 from pointing_model.runs.run import COLUMNS, REQUIRED, PointingRun
+from pointing_model.sky.refraction import AIR
 
+from .column_names import is_cause
 from .run_table import SPECIAL
 
 #: observed elevations outside are no observation (90.1: a star past the zenith)
@@ -30,9 +32,12 @@ PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
 _TURNS = 10  # an angle beyond is no angle in degrees
 _TURN = 2.0 * np.pi
 _QUARTER = ELEVATION_LIMITS[1] * DEG
-#: a number outside was not measured
-_LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 1200.0, 'hPa')}
+_AIR = {'temperature': AIR['temperature_c'], 'pressure': AIR['pressure_hpa']}
 _KELVIN = (230.0, 330.0)
+#: what programs and sensors write where nothing was measured, beside nines, and of how many other
+#: values a column of measurements has
+_FILL, _MEASURED = (0.0, -1.0, 85.0, -127.0, 32767.0, -32768.0, 65535.0), 5
+_NEARBY = 3600.0  # s: the air hardly changes between rows that are this near
 #: ends the note on a column of which nothing is used
 WHOLE = 'the whole column is taken as not measured'
 _WRITTEN = 20_000  # rows that are kept as they were written
@@ -219,11 +224,15 @@ def blank_absurd(table):
     for name, values in list(table.columns.items()):
         if values.dtype.kind != 'f' or name in (*REQUIRED, 'time', 'run', 'star', 'block'):
             continue
-        low, high, unit = _LIMITS.get(name, (-_LARGEST, _LARGEST, ''))
+        low, high, unit = -_LARGEST, _LARGEST, ''
+        if name in _AIR:  # a pressure of 0 was not measured
+            unit, low, high = _AIR[name].unit, _AIR[name].low or 1.0, _AIR[name].high
         absurd = (table.reasons == 0) & np.isfinite(values) & ((values < low) | (values > high))
+        text = f'{table.label(name)} is outside {low:g} to {high:g} {unit}'.strip()
+        if not absurd.any() and (name in _AIR or name not in (*COLUMNS, *SPECIAL)):
+            absurd, text = _fill(table, name, values)
         if not absurd.any():
             continue
-        text = f'{table.label(name)} is outside {low:g} to {high:g} {unit}'.strip()
         if name in SPECIAL or name in _SIGMAS:
             table.exclude(absurd, text)
             continue
@@ -240,6 +249,53 @@ def blank_absurd(table):
         table.columns[name] = np.where(absurd, np.nan, values)
         table.meta['notes'].append(f'{text} in {absurd.sum()} of {len(values)} rows, {where}: '
                                    'taken as not measured')
+
+
+def _fill(table, name, values):
+    """Rows with a number that stands for none, and that in words.
+
+    It is farther from the others than these are apart, and all nines (-99, 999.9) or one of `_FILL`
+    that comes again beside measurements.
+    """
+    sound = (table.reasons == 0) & np.isfinite(values)
+    there = np.unique(values[sound])
+    for fill, others in ((there[:1], there[1:]), (there[-1:], there[:-1])):
+        if len(others) and np.abs(fill - others).min() > np.ptp(others):
+            rows = sound & (values == fill)
+            digits = f'{abs(fill[0]):g}'.replace('.', '')
+            if (digits.startswith('99') and not digits.strip('9')) or (
+                    fill[0] in _FILL and len(others) >= _MEASURED and rows.sum() > 1):
+                return rows, (f'{table.label(name)} is {fill[0]:g} (the others {others[0]:.3g} to '
+                              f'{others[-1]:.3g})')
+    return np.zeros(len(values), bool), ''
+
+
+def bridge_gaps(table):
+    """Air, and columns that are causes, in rows without, from those measured nearby in time.
+
+    Else the refraction would be that of other air there, and what follows the cause be zero. What
+    the file declares for all rows is kept.
+    """
+    columns, declared = table.columns, table.meta.get('weather') or {}
+    time = columns.get('time', np.full(len(table.lines), np.nan))
+    for name, values in list(columns.items()):
+        if values.dtype.kind != 'f' or not (
+                name in _AIR and _AIR[name].field not in declared
+                or name not in COLUMNS and is_cause(name)):
+            continue
+        known = np.flatnonzero(np.isfinite(values) & np.isfinite(time))
+        at, measured = (v[known[np.argsort(time[known], kind='stable')]] for v in (time, values))
+        rows = np.flatnonzero(np.isnan(values) & np.isfinite(time))
+        if not len(known) or name not in _AIR and len(np.unique(measured)) < _MEASURED:
+            continue  # a filter, a side: nothing is in between
+        after = np.searchsorted(at, time[rows])
+        beside = at[[np.maximum(after - 1, 0), np.minimum(after, len(at) - 1)]]
+        rows = rows[np.abs(time[rows] - beside).min(axis=0) <= _NEARBY]
+        if len(rows):
+            columns[name] = np.array(values)
+            columns[name][rows] = np.interp(time[rows], at, measured)
+            table.meta['notes'].append(f'{table.label(name)} is empty in {len(rows)} rows: '
+                                       'interpolated in time')
 
 
 def flag_rows(table, mount):

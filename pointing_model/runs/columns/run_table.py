@@ -42,6 +42,13 @@ _HOURS_OF_A_DAY = 24.0
 _RADIANS = 6.3  # a little more than a turn
 
 
+#: how files begin that are none of text, and what they are
+_BINARY = {b'\x89MCAP': 'an MCAP log', b'PAR1': 'a Parquet file', b'SIMPLE  =': 'a FITS file',
+           b'\x89HDF': 'an HDF5 file', b'\x1f\x8b': 'compressed (gzip)',
+           b'PK\x03\x04': 'a workbook of a spreadsheet or an archive',
+           b'\xd0\xcf\x11\xe0': 'a workbook of a spreadsheet'}
+
+
 class NoObservations(ValueError):
     """A sound file that holds no row."""
 
@@ -132,8 +139,9 @@ def read_lines(path):
 
 def lines_of(path, data):
     """Lines of the bytes of a text file, as `read_lines`; `path` for messages."""
-    if data.startswith(b'\x89MCAP'):
-        raise ValueError(f'{path} is an MCAP log, not a table of observations')
+    for begin, what in _BINARY.items():
+        if data.startswith(begin):
+            raise ValueError(f'{path} is {what}: save its table as CSV and give that')
     if not data.strip():
         raise ValueError(f'{path} is empty')
     if data.startswith((b'\xff\xfe', b'\xfe\xff')):  # what some spreadsheets call Unicode text
@@ -141,9 +149,6 @@ def lines_of(path, data):
             data = data.decode('utf-16').encode()
         except UnicodeDecodeError:
             raise ValueError(f'{path} is UTF-16 and breaks off; save it as CSV in UTF-8') from None
-    if data.startswith((b'PK\x03\x04', b'\xd0\xcf\x11\xe0')):
-        raise ValueError(f'{path} is a workbook of a spreadsheet or an archive: save the table as '
-                         'CSV and give that')
     # control characters other than tab, newline, form feed, carriage return, DOS end of file
     if re.search(rb'[\x00-\x08\x0b\x0e-\x19\x1b-\x1f]', data):
         raise ValueError(f'{path} is a binary file, not a table')

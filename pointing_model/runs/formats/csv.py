@@ -45,8 +45,10 @@ def looks_like(lines):
                      for _, line in top)
     if len(names) < 2 or any(map(is_number, names)):
         return None
-    known = any(name in own for name in names
-                for own in (CSV_NAMES, OTHER_NAMES[0][1], OTHER_NAMES[1][1]))
+    known = [name for name in names
+             if any(name in own for own in (CSV_NAMES, OTHER_NAMES[0][1], OTHER_NAMES[1][1]))]
+    if delimiter == ' ':  # words of a caption may be names too
+        return delimiter if sum('_' in name for name in known) > 1 else None
     alike = cells and len(cells[0]) == len(names) > 3
     return delimiter if known or alike else None
 
@@ -108,7 +110,7 @@ def _header_names(header):
 
 
 def _is_row(line, delimiter, width):
-    cells = line.split(delimiter)
+    cells = split_row(line, delimiter) or ()
     return len(cells) == width and sum(is_number(cell) for cell in cells) >= 4
 
 

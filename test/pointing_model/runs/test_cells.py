@@ -51,8 +51,9 @@ COMMAS = [(time, *(cell.replace('.', ',') for cell in cells)) for time, *cells i
     '\ufeff' + PLAIN, PLAIN.replace('\n', ',,\n').replace(HEADER + ',,', HEADER),
     PLAIN.replace('Z,', ',').replace('T', ' '),
     '\n'.join([f'"{HEADER.replace(",", chr(34) + ";" + chr(34))}"', *map(';'.join, COMMAS)]),
+    '\n'.join([HEADER.replace(',', ' '), *(f' {"   ".join(row)} ' for row in ROWS)]),
 ], ids=['semicolons', 'quoted', 'tabs', 'sep', 'utf-16-le', 'utf-16-be', 'bom', 'commas at the end',
-        'blank in time', 'quoted names'])
+        'blank in time', 'quoted names', 'blanks'])
 def test_one_run_in_any_spreadsheets_dialect(read, text):
     run, plain = read(text), read(PLAIN)
     assert len(run) == 8 and not run.meta['excluded']
@@ -89,17 +90,35 @@ def test_a_bad_column_costs_the_file(refuse):
 
 def test_unknown_is_unknown_in_any_word(read):
     cells = ['4.5', 'n/a', 'NA', '-', '', 'null', '5.5', 'nan']
-    run = read(text_of([(*row, cell) for row, cell in zip(ROWS, cells)], HEADER + ',temperature_c'))
-    assert len(run) == 8 and np.nansum(run['temperature']) == 10.0
-    assert np.isnan(run['temperature']).sum() == 6
+    run = read(text_of([(*row, cell) for row, cell in zip(ROWS, cells)], HEADER + ',magnitude'))
+    assert len(run) == 8 and np.nansum(run['magnitude']) == 10.0
+    assert np.isnan(run['magnitude']).sum() == 6
 
 
 def test_a_bad_cell_of_a_column_of_ones_own_is_unknown(read):
     cells = ['1', '2', 'x', '4', '5', '6', '7', '8']
-    run = read(text_of([(*row, cell) for row, cell in zip(ROWS, cells)], HEADER + ',fan'))
-    assert len(run) == 8 and np.flatnonzero(np.isnan(run['fan'])).tolist() == [2]
-    assert any("'fan' is not a number in 1 of 8 rows: unknown there (row 4: 'x')" in note
+    run = read(text_of([(*row, cell) for row, cell in zip(ROWS, cells)], HEADER + ',note'))
+    assert len(run) == 8 and np.flatnonzero(np.isnan(run['note'])).tolist() == [2]
+    assert any("'note' is not a number in 1 of 8 rows: unknown there (row 4: 'x')" in note
                for note in run.meta['notes'])
+
+
+@pytest.mark.parametrize('name, fill', [
+    ('humidity', '-999'), ('humidity', '999.9'), ('humidity', '32767'), ('temperature_c', '-99'),
+    ('temperature_c', '85'), ('pressure_hpa', '999')])
+def test_a_number_that_stands_for_none_is_interpolated(read, name, fill):
+    first = {'pressure_hpa': 700}.get(name, 11)
+    measured = [f'{first + 0.5 * i}' for i in range(8)]
+    cells = [fill if i in (2, 5) else cell for i, cell in enumerate(measured)]
+    run = read(text_of([(*row, cell) for row, cell in zip(ROWS, cells)], f'{HEADER},{name}'))
+    key = name.split('_')[0]
+    assert run[key] == pytest.approx([float(cell) for cell in measured])
+    assert any(f'{fill}' in note and 'in 2 of 8 rows' in note for note in run.meta['notes'])
+    assert any('interpolated in time' in note for note in run.meta['notes'])
+    # one of a few kinds is one
+    kinds = [('9' if i in (2, 5) else '1') for i in range(8)]
+    run = read(text_of([(*row, cell) for row, cell in zip(ROWS, kinds)], f'{HEADER},filter'))
+    assert run['filter'].tolist() == [float(kind) for kind in kinds]
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason='the small inputs are not there')

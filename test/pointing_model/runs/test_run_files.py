@@ -406,6 +406,18 @@ def test_icrs_refused(read, text, options, words, refuse):
     refuse(text, *words, **options)
 
 
+def test_a_site_given_in_place_of_another_is_said(read):
+    declared = '# latitude_deg: 31.69\n# longitude_deg: 249.12\n# height_m: 2608\n' + ICRS
+    assert not any('was read' in note for note in read(declared, site=SITE).meta['notes'])
+    for name, value, size in ('longitude', 110.88, DEG), ('height', 100.0, 1.0):
+        notes = read(declared, site={name: value * size}).meta['notes']
+        assert any(f'says {name}' in note and f'read with {value:g}' in note for note in notes)
+    # places of the horizon are refracted already
+    places = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n10,40,10,40\n'
+    assert any('change nothing' in note
+               for note in read(places, weather={'pressure_hpa': 700.0}).meta['notes'])
+
+
 @pytest.mark.parametrize('column, value', [
     ('pressure_hpa', 0), ('pressure_hpa', -999), ('pressure_hpa', 22.2), ('pressure_hpa', 75.2),
     ('pressure_hpa', 564.0), ('temperature_c', 283.15), ('temperature_c', -999)])
