@@ -12,21 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The command line, the one description of the node graph, and the door for Python programs.
+"""The command line, the description of the node graph, and the interface for Python programs.
 
 ``from telescope_mount import read_run, fit, diagnose, apply``: see `telescope_mount.api`, which is
-read when one of them is requested. None of them needs ROS.
+imported on first use. None of them needs ROS.
 """
 
-#: environment: with matrices as small as ours, and eight processes on the cores, threads of BLAS
-#: only stand in each other's way; to be set before numpy is imported, which nothing here may do
+#: environment: our matrices are small and eight processes share the cores, so threads of BLAS only
+#: slow each other down; set it before numpy is imported, so nothing here may import numpy
 ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
 
 __all__ = ['apply', 'diagnose', 'fit', 'read_run']
 
 
 def __getattr__(name):
-    """What `api` offers, when it is requested: nodes import this package and need none of it."""
+    """Import `api` on first use: nodes import this package and do not need it."""
     if name not in __all__:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     from . import api

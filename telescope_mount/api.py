@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""For Python programs: read a pointing run, fit it, diagnose it, apply a model. No ROS needed.
+"""Interface for Python programs: read a pointing run, fit, diagnose, apply a model. No ROS.
 
 ::
 
@@ -23,12 +23,12 @@
     found = diagnose(run)
     az_enc_deg, el_enc_deg = apply(found, 120.0, 45.0)
 
-These are the commands of the same names, without their printing: the same file gives the same
-numbers. What they return carries its unit in its name: ``_deg``, ``_arcsec``, ``_c``, ``_hpa``,
-``_m``; offsets are encoder - catalogue, on the sky. Behind each stands the object of the package
-that computed it, in radians (`Run.rows`, `Fit.result`, `RunDiagnosis.result`).
+These are the commands of the same names without their output: the same file gives the same
+numbers. Names of results include the unit: ``_deg``, ``_arcsec``, ``_c``, ``_hpa``, ``_m``;
+offsets are encoder - catalogue, on the sky. Each result has the underlying object of the package,
+in radians (`Run.rows`, `Fit.result`, `RunDiagnosis.result`).
 
-These names are kept: what is here now stays, with its meaning and its unit, within a major version.
+The names here are stable: they keep their meaning and unit within a major version.
 """
 
 from functools import cached_property, wraps
@@ -58,8 +58,8 @@ __all__ = ['Fit', 'Run', 'RunDiagnosis', 'apply', 'diagnose', 'fit', 'read_run']
 
 
 def _one_thread(work):
-    """With matrices as small as ours threads of BLAS stand in each other's way: a diagnosis of 80
-    rows takes four times as long, and its last bits are others than the command's.
+    """Run without threads of BLAS: our matrices are small, so threads only slow each other down. A
+    diagnosis of 80 rows takes four times as long, and its last bits differ from the command's.
     """
     @wraps(work)
     def limited(*args, **options):
@@ -69,11 +69,11 @@ def _one_thread(work):
 
 
 class Run:
-    """A pointing run: its columns by the names that they have in a CSV file, unit included.
+    """A pointing run: its columns by their names in a CSV file, with the unit.
 
     ``run['az_deg']``, ``run['el_enc_deg']``, ``run['temperature_c']``, ``run['time']`` (UTC,
-    seconds since 1970), of equatorial mounts ``run['ha_deg']``; `COLUMNS` of
-    `pointing_model.runs.run` has them all.
+    seconds since 1970), for equatorial mounts ``run['ha_deg']``; `COLUMNS` of
+    `pointing_model.runs.run` lists them all.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Run:
         return name in self._names
 
     def __getitem__(self, name):
-        """Column `name` in the unit that the name says, shape (n,)."""
+        """Column `name` in the unit of its name, shape (n,)."""
         if name not in self._names:
             raise KeyError(f'no column {name}; the run has {", ".join(self.names)}')
         inside = self._names[name]
@@ -106,7 +106,7 @@ class Run:
 
     @property
     def notes(self):
-        """What the reader of the file has to say, list of str."""
+        """Notes from the reader of the file, list of str."""
         return list(self.rows.meta.get('notes', ()))
 
     def select(self, rows):
@@ -119,25 +119,25 @@ class Run:
 
 
 class _Found:
-    """What `Fit` and `RunDiagnosis` have in common: their `result`."""
+    """Common part of `Fit` and `RunDiagnosis`: their `result`."""
 
     @property
     def model(self):
-        """The `pointing_model.model.PointingModel`, with the effects that were found."""
+        """The `pointing_model.model.PointingModel`, with the effects found."""
         return self.result.model
 
     @property
     def used(self):
-        """Which rows were used and are no outliers, ndarray of bool, shape (n,)."""
+        """Rows that were used and are not outliers, ndarray of bool, shape (n,)."""
         return self.result.weights > 0.0
 
     def save(self, path):
-        """Write the model (.json, .yaml), as ``--save`` of the command does."""
+        """Write the model (.json, .yaml), like ``--save`` of the command."""
         self.model.save(path)
 
 
 class Fit(_Found):
-    """What `fit` found.
+    """Result of `fit`.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class Fit(_Found):
     result : calibration.analysis.fit_result.FitResult
         In radians.
     document : dict
-        What ``telescope-mount fit --json`` writes.
+        Output of ``telescope-mount fit --json``.
     """
 
     def __init__(self, run, result, document):
@@ -158,35 +158,35 @@ class Fit(_Found):
 
     @property
     def sigmas_arcsec(self):
-        """Term -> standard error, arcsec; dict of str to float, None of `undetermined` ones."""
+        """Term -> standard error, arcsec; dict of str to float, None for `undetermined` ones."""
         return {row['name']: row['sigma_arcsec'] for row in self.document['terms']}
 
     @property
     def undetermined(self):
         """Terms that the stars do not determine, tuple of str.
 
-        Those that are not held at zero stand for the sum of all of them on these stars.
+        Those that are not fixed at zero stand for the sum of all of them on these stars.
         """
         return self.result.undetermined
 
     @property
     def rms_before_arcsec(self):
-        """Radial RMS on the sky as the encoders read, arcsec."""
+        """Radial RMS on the sky of the raw errors, arcsec."""
         return self.document['before']['rms_arcsec']
 
     @property
     def rms_arcsec(self):
-        """Radial RMS on the sky of the rows fitted, arcsec."""
+        """Radial RMS on the sky of the fitted rows, arcsec."""
         return self.document['after']['rms_arcsec']
 
     @property
     def rms_left_out_arcsec(self):
-        """The same of each half of the rows by a fit to the other half, arcsec; None: too few."""
+        """Radial RMS of 2-fold cross-validation, arcsec; None: too few rows."""
         return self.document['after']['cv_rms_arcsec']
 
     @property
     def residuals_arcsec(self):
-        """What the terms leave on the sky along both axes, arcsec, shape (2, n); NaN: not used."""
+        """Residuals on the sky along both axes, arcsec, shape (2, n); NaN: row not used."""
         return np.array((self.result.residual_x, self.result.residual_y)) / ARCSEC
 
     def __repr__(self):
@@ -199,7 +199,7 @@ class Fit(_Found):
 
 
 class RunDiagnosis(_Found):
-    """What `diagnose` found.
+    """Result of `diagnose`.
 
     Attributes
     ----------
@@ -212,17 +212,17 @@ class RunDiagnosis(_Found):
 
     @cached_property
     def document(self):
-        """What ``telescope-mount diagnose --json`` writes, dict."""
+        """Output of ``telescope-mount diagnose --json``, dict."""
         return run_diagnosis_document(self.result)
 
     @property
     def verdict(self):
-        """Of 'none', 'wanders', 'undecided', 'identified', 'ambiguous', 'unknown', 'refused'."""
+        """'none', 'wanders', 'undecided', 'identified', 'ambiguous', 'unknown' or 'refused'."""
         return self.result.verdict
 
     @property
     def sentences(self):
-        """The verdict for people: a headline, and what follows from it; list of str."""
+        """The verdict for people: a headline and its consequences; list of str."""
         from calibration.report.effect_wording import effect_summaries
         from calibration.report.verdict_wording import verdict_sentences
         from calibration.report.wording import paragraph
@@ -232,12 +232,12 @@ class RunDiagnosis(_Found):
 
     @property
     def effects(self):
-        """One dict an effect: ``name``, ``coefficients_arcsec``, ``p_family``, ..."""
+        """One dict per effect: ``name``, ``coefficients_arcsec``, ``p_family``, ..."""
         return self.document['effects']
 
     @property
     def rms_before_arcsec(self):
-        """Radial RMS on the sky that the declared model leaves on the rows fitted, arcsec."""
+        """Radial RMS on the sky with the declared model on the fitted rows, arcsec."""
         return self.document['before']['rms_arcsec']
 
     @property
@@ -247,31 +247,31 @@ class RunDiagnosis(_Found):
 
     @property
     def rms_left_out_arcsec(self):
-        """Before and after on rows that neither fit nor choice has seen, arcsec; None: unknown."""
+        """Cross-validated RMS before and after (effects re-selected), arcsec; None: unknown."""
         return tuple(self.document[when]['cv_rms_arcsec'] for when in ('before', 'after'))
 
     @property
     def residuals_before_arcsec(self):
-        """What the declared model leaves on the sky along both axes, arcsec, shape (2, n)."""
+        """Residuals of the declared model on the sky along both axes, arcsec, shape (2, n)."""
         return self.result.residual_before / ARCSEC
 
     @property
     def residuals_after_arcsec(self):
-        """What is left with the effects, arcsec, shape (2, n)."""
+        """Residuals with the effects, arcsec, shape (2, n)."""
         return self.result.residual_after / ARCSEC
 
     @property
     def az_deg(self):
-        """First angle of the catalogue place of the residuals' rows, degrees, shape (n,)."""
+        """First angle of the catalogue places of the residuals, degrees, shape (n,)."""
         return self.result.observations.run['az'] / DEG
 
     @property
     def el_deg(self):
-        """Second angle of the same, degrees, shape (n,)."""
+        """Second angle of the catalogue places of the residuals, degrees, shape (n,)."""
         return self.result.observations.run['el'] / DEG
 
     def write_page(self, path):
-        """Write the HTML page, as ``diagnose --report`` does."""
+        """Write the HTML page, like ``diagnose --report``."""
         from calibration.report.diagnosis_page import render
         from calibration.report.diagnosis_view import view_of
         write_text(path, render(view_of(self.result, self.document)))
@@ -282,7 +282,7 @@ class RunDiagnosis(_Found):
 
 def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_m=None,
              pressure_hpa=None, temperature_c=None, azimuth_origin=None, equinox=None):
-    """Read a pointing run from a file of any kind that the commands take, or from a log.
+    """Read a pointing run from any file that the commands accept, or from a log.
 
     Parameters
     ----------
@@ -290,16 +290,16 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
         CSV, TPOINT, TheSky, MMT, IRAM, MountWizzard4, gpoint, ... or the folder of a log: see
         `pointing_model.runs.formats.read_run`.
     mount : str, optional
-        ``altaz``, ``equatorial``, ``german``, ``xy[:AZ]`` or ``free:AZ,EL[,ROLL]``, in place of
-        what the file tells.
+        ``altaz``, ``equatorial``, ``german``, ``xy[:AZ]`` or ``free:AZ,EL[,ROLL]``; overrides
+        the file.
     latitude_deg, longitude_deg, height_m : float, optional
-        Of the site (degrees, east positive; metres), where the file does not tell it.
+        Of the site (degrees, east positive; metres), if the file does not give it.
     pressure_hpa, temperature_c : float, optional
         Of the air, for the refraction of places in right ascension.
     azimuth_origin : {'N', 'S'}, optional
         Where azimuth 0 is in a TPOINT file.
     equinox : {'j2000', 'date'}, optional
-        Of catalogue places in right ascension; by default what the file gives, or what fits.
+        Of catalogue places in right ascension; by default from the file, or the one that fits.
 
     Returns
     -------
@@ -308,7 +308,7 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
     Raises
     ------
     ValueError
-        Not a pointing run; one line that says what is wrong, where, and what to do.
+        Not a pointing run; one line says what is wrong, where, and what to do.
     OSError
         It cannot be read.
     """
@@ -330,9 +330,9 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
     terms : sequence of str, or str with commas, optional
         By default the seven physical terms of the mount.
     encoder : {'enc', 'abs'}
-        Which pair of encoder columns.
+        Pair of encoder columns.
     robust : bool
-        Give rows far from the fit less weight, or none.
+        Reduce the weight of outliers, or exclude them.
 
     Returns
     -------
@@ -341,7 +341,7 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
     Raises
     ------
     ValueError
-        Too few usable rows, unknown terms, or columns that are not what they are named.
+        Too few usable rows, unknown terms, or columns that do not match their names.
     """
     if isinstance(terms, str):
         terms = names(terms)
@@ -352,27 +352,28 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
 @_one_thread
 def diagnose(runs, base='physical', *, alpha=ALPHA, holdout=(), encoder='enc', seed=0,
              progress=None, first_answer=None, jobs=1):
-    """Find the effects that a model lacks, and prove the gain.
+    """Find the effects that a model lacks, and cross-validate the improvement.
 
     Parameters
     ----------
     runs : Run, PointingRun, str or Path, or a sequence of them
-        Several are several runs of one mount; a path is read as `read_run` does.
+        Several are runs of one mount; a path is read by `read_run`.
     base : str
-        What the model has already: ``physical``, ``index``, ``standard6``, terms joined by +, ...
+        Terms that the model has already: ``physical``, ``index``, ``standard6``, terms joined
+        by +, ...
     alpha : float
-        Chance that a run with nothing wrong gets any effect.
+        Family-wise error rate: chance that a run without errors gets any effect.
     holdout : as `runs`, optional
-        Judge there too.
+        Validation runs.
     encoder : {'enc', 'abs'}
     seed : int
-        Of the resampling.
+        Seed of the resampling.
     progress, first_answer : callable, optional
-        As of `calibration.analysis.diagnosis.diagnosis.diagnose`: what is being done; the effects
-        before the cross-validation, as text.
+        Called with the present step, and with the effects before cross-validation, as text; see
+        `calibration.analysis.diagnosis.diagnosis.diagnose`.
     jobs : int
-        See `calibration.analysis.diagnosis.diagnosis.diagnose`: with so many processes at a
-        time, of which this one is forked, the same result comes sooner.
+        Number of parallel processes, forked from this one. The result does not depend on it.
+        See `calibration.analysis.diagnosis.diagnosis.diagnose`.
 
     Returns
     -------
@@ -381,8 +382,8 @@ def diagnose(runs, base='physical', *, alpha=ALPHA, holdout=(), encoder='enc', s
     Raises
     ------
     ValueError
-        Too few usable rows, unknown terms, columns that are not what they are named, or a holdout
-        whose rows are all in the runs.
+        Too few usable rows, unknown terms, columns that do not match their names, or validation
+        rows that are all in the runs.
     """
     runs, notes = without_copies(_several(runs))
     held, copies = without_copies(_several(holdout), runs)
@@ -399,24 +400,24 @@ def diagnose(runs, base='physical', *, alpha=ALPHA, holdout=(), encoder='enc', s
 
 def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=None,
           longitude_deg=None, **drivers):
-    """Encoder angles at which the mount looks at directions, or back; degrees in, degrees out.
+    """Encoder angles at which the mount points at directions, or the inverse, in degrees.
 
     Parameters
     ----------
     model : Fit, RunDiagnosis, PointingModel, str or Path
-        A path: a model file of ours, or of another program.
+        A path is a model file of this program or of another one.
     az_deg, el_deg, reverse, zero, latitude_deg, longitude_deg, **drivers
-        As of `apply` of `pointing_model.model_application`: ``temperature_c=4.5``, ...
+        See `apply` of `pointing_model.model_application`: ``temperature_c=4.5``, ...
 
     Returns
     -------
     az_deg, el_deg : ndarray, shape (n,)
-        What the encoders read; with `reverse` where the mount looks.
+        Encoder readings; with `reverse` the directions in which the mount points.
 
     Raises
     ------
     ValueError
-        No such zero, a file that holds no model, or drivers of another length.
+        No such zero, a file without a model, or drivers of another length.
     OSError
         The file cannot be read.
     """
@@ -427,7 +428,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=N
 
 
 def _rows(run):
-    """PointingRun of what a caller may give."""
+    """PointingRun from any accepted argument."""
     if isinstance(run, str | Path):
         return load_run(run)
     return run.rows if isinstance(run, Run) else run

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A table of directions with what a model makes of them: for the command ``apply``.
+"""Applies a model to a table of directions: for the command ``apply``.
 
-Right ascensions and declinations become the angles of a perfect mount at their times.
+Right ascensions and declinations are converted to axis angles of a perfect mount at their times.
 """
 
 import sys
@@ -49,13 +49,13 @@ SKY = ('ra_deg', 'dec_deg')
 
 
 def apply_to_table(model, args):
-    """Turn the directions of a table into encoder angles, or back.
+    """Convert the directions of a table to encoder angles, or back.
 
     Parameters
     ----------
     model : PointingModel
     args : argparse.Namespace
-        Of the command.
+        Arguments of the command.
 
     Returns
     -------
@@ -85,10 +85,10 @@ def apply_to_table(model, args):
         check_sky(table, az, el, cells)
     else:
         _check(table, pair, az, el, args.reverse or not model.mount.vertical, model.mount, cells)
-    # rows that are left out go along, somewhere, and their cells stay empty
+    # excluded rows take part with a dummy direction; their cells stay empty
     used = reasons == 0
     az, el = np.where(used, az, 0.0), np.where(used, el, 45.0)
-    folded = np.zeros(len(used), bool)  # places of the sky that the mount reads through the pole
+    folded = np.zeros(len(used), bool)  # places of the sky reached through the pole
     if of_sky:
         az, el, height = observed(model, az, el, columns, cells, used, args, declared, notes)
         if (used & (height < 0.0)).any():
@@ -116,7 +116,7 @@ def apply_to_table(model, args):
     seen = used & ~bad
     at = np.array([az, el])[:, seen] if not args.reverse else out[:, seen]
     notes += _open(model, at * DEG, lines[seen])
-    # the first axis, of what is catalogue place and of the reading alike
+    # first axis: its catalogue place, or its reading
     up = (np.mod(az, 360.0) > 180.0) & used & (model.mount.two_sided)
     if up.any():
         notes.append(f'the counterweight is up in {_rows(lines[up])}: with it down the mount looks '
@@ -130,7 +130,7 @@ def apply_to_table(model, args):
         names = tuple(f'{n.removesuffix("_deg")}_model_deg' for n in names)
         notes.append(f'the file has angles of that side already: those of the model are in '
                      f'{", ".join(names)}')
-    if of_sky:  # where a perfect mount reads, in front of what this one does
+    if of_sky:  # angles of a perfect mount, in front of those of this one
         names = (*(f'{n.removesuffix("_deg")}_observed_deg' for n in places), *names)
         out = np.vstack((np.where(used, (az, el), np.nan), out))
     texts = [['' if v != v else repr(v) for v in column] for column in out.tolist()]
@@ -169,7 +169,7 @@ def _table(file):
 
 
 def _angles(table, column, cells):
-    """A column of angles; ValueError where it is missing, or most cells are no numbers."""
+    """A column of angles; ValueError if it is missing, or most cells are not numbers."""
     if column not in cells:
         there = ', '.join(c[:40] for c in list(cells)[:40])
         raise ValueError(f'{table.path}: no column {column}; the file has {there}')
@@ -181,8 +181,8 @@ def _angles(table, column, cells):
 
 
 def _check(table, pair, az, el, beyond, mount, cells):
-    """Refuse what is no direction in degrees."""
-    # a tube past the zenith or through the pole, to the end of its travel
+    """Refuse values that are not directions in degrees."""
+    # beyond zenith or pole, to the end of the travel
     reach = [-180.0, 180.0, *mount.names.travel_deg[1]] if beyond else [-90.0, 90.0]
     with np.errstate(invalid='ignore'):
         bad = (el < min(reach)) | (el > max(reach))
@@ -196,7 +196,7 @@ def _check(table, pair, az, el, beyond, mount, cells):
 
 
 def _drivers(table, cells, pair, places, args):
-    """What the effects may follow, in SI by the names in memory; remarks."""
+    """Drivers for the effects, in SI by their internal names; notes."""
     given = {}
     for text in args.given:
         key, equals, value = text.partition('=')
@@ -211,7 +211,7 @@ def _drivers(table, cells, pair, places, args):
         if column in pair or column in places or not column:
             continue
         known = CSV_NAMES.get(column)
-        # what is given for all rows costs all
+        # an error in a value for all rows affects all
         rows = TextRows('the options', table.lines, strict=True) if column in given else table
         if column == 'time':
             out['time'] = rows.times(column, values)
@@ -232,14 +232,14 @@ def _drivers(table, cells, pair, places, args):
 
 
 def _zero_notes(model, applied, run, wanted):
-    """What was done with the zeros that the model carries."""
+    """Notes on the zeros stored in the model."""
     known = carried_zeros(model)
     if not known:
         return ['the column run is not used: the model carries no zeros of runs'
                 ] if run is not None and wanted == NEWEST else []
     if not applied:
         return [f'the {len(known)} zeros that the model carries are not applied (--zero none)']
-    if not any(z.angles.any() for z in applied):  # the indices have it
+    if not any(z.angles.any() for z in applied):  # they are in the index terms
         return []
     zeros = ', '.join(f'run {z.run:g}: azimuth {z.az / ARCSEC:+.2f}, elevation '
                       f'{z.el / ARCSEC:+.2f} arcsec' for z in applied[:6])
@@ -252,7 +252,7 @@ def _zero_notes(model, applied, run, wanted):
 
 
 def _unknown(model, context, out, reverse):
-    """Which effects count as zero, and why."""
+    """Notes on effects that count as zero, and why."""
     if not model.effects:
         return []
     if reverse:
@@ -264,20 +264,20 @@ def _unknown(model, context, out, reverse):
         where = 'all rows' if count == len(rows) else f'{count} of {len(rows)} rows'
         reasons = dict.fromkeys(UNKNOWN.get(name, f'{name} is not known') for name in needs[effect])
         alike.setdefault((where, '; '.join(reasons)), []).append(readable(effect))
-    # of a model that is to predict dozens want the same
+    # in a model for prediction dozens of effects may lack the same driver
     return [f'{_some(names)} {"count" if len(names) > 1 else "counts"} as zero in {where}: {why}'
             for (where, why), names in alike.items()]
 
 
 def _some(names, most=3):
-    """Names, and of many how many more there are."""
+    """Names; of many only some, and the number of others."""
     if len(names) <= most + 1:
         return ', '.join(names)
     return f'{", ".join(names[:most])} and {len(names) - most} more'
 
 
 def _open(model, places, lines):
-    """Rows whose prediction rests on what the stars of the fit did not determine."""
+    """Note on rows whose prediction rests on what the stars of the fit did not determine."""
     rows = model.is_open(*places)
     if not rows.any():
         return []
@@ -297,12 +297,12 @@ def _rows(lines, limit=20):
 
 
 def is_sky(cells, places):
-    """Whether a table gives places of the sky, and not those of the axes."""
+    """Whether a table gives places of the sky instead of axis angles."""
     return set(SKY) <= set(cells) and places[0] not in cells
 
 
 def check_sky(table, ra, dec, cells):
-    """Refuse what is no right ascension and declination in degrees."""
+    """Refuse values that are not right ascensions and declinations in degrees."""
     with np.errstate(invalid='ignore'):
         for name, bad in zip(SKY, ((ra < 0.0) | (ra > 360.0), np.abs(dec) > 90.0)):
             table.refuse(name, cells[name], {
@@ -318,29 +318,29 @@ def observed(model, ra, dec, columns, cells, used, args, declared, notes):
     ra, dec : ndarray, shape (n,)
         Degrees, in the frame that ``args.equinox`` or the table gives, else ICRS.
     columns : dict of str to ndarray
-        Drivers in SI: ``time``, and the air where it is given.
+        Drivers in SI: ``time``, and air if given.
     cells : dict
-        Of the table, for ``pier_side``.
+        Cells of the table, for ``pier_side``.
     used : ndarray of bool, shape (n,)
-        Rows that are not left out.
+        Rows that are not excluded.
     args : argparse.Namespace
         Of the command: site, air, equinox.
     declared : dict
         What the table's comments say of the frame and the air.
     notes : list of str
-        Gets what is to be said of them.
+        New notes are appended.
 
     Returns
     -------
     first, second : ndarray, shape (n,)
-        Degrees, on the side of the pier that the table gives, else with the counterweight down.
+        Degrees; on the side of the pier in the table, else with the counterweight down.
     height : ndarray, shape (n,)
         Above the horizon, degrees.
 
     Raises
     ------
     ValueError
-        No time or site, another latitude than the mount's, or hours in place of degrees.
+        No time or site, a latitude that is not the mount's, or hours instead of degrees.
     """
     if 'time' not in columns:
         raise ValueError('ra_deg, dec_deg need the time: a column time, or --time UTC')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Images one after the other while the bolts of a mount are turned: what each of them tells."""
+"""Evaluates images taken one after the other while the bolts of a mount are turned."""
 
 from typing import NamedTuple
 
@@ -23,35 +23,35 @@ from pointing_model.image_alignment import AT_REST, LEAST_TURN, axis_after, axis
 from pointing_model.mounts import through_pole
 from pointing_model.sky.places import SIDEREAL
 
-#: of one image: the first axis did not turn, but for a track, by more than this
+#: largest turn of the first axis, apart from tracking, that still counts as the same position
 _TURNED = 3.0 * DEG
-#: an error that is shown is so many times its sigma
+#: an error is significant above this many sigma
 _CLEAR = 5.0
-#: an error that grew to this many times of what was shown: the wrong way
+#: growth of an error, relative to its former value, that shows a turn in the wrong direction
 _DOUBLE = 2.0
 THREE, ONE, COLLECTED, STOPPED = 'three', 'one', 'collected', 'stopped'
 
 
 class BoltReading(NamedTuple):
-    """What an image tells.
+    """Result of an image.
 
     Attributes
     ----------
     kind : str
-        `THREE` (an axis by three images), `ONE` (by one, all else held), `COLLECTED` (one of the
-        three), `STOPPED` (an error has doubled).
+        `THREE` (axis from three images), `ONE` (from one image, other parts unmoved),
+        `COLLECTED` (one of the three), `STOPPED` (an error has doubled).
     axis : PolarAxis or None
-        Of `COLLECTED` where a model is known: by this image alone.
+        For `COLLECTED` only with a model: from this image alone.
     count : int
-        Images that are solved for it.
+        Number of images solved for it.
     again : bool
-        Of three: the bolts were turned before.
+        For `THREE`: the bolts were turned before.
     moved : tuple of float or None
-        Of three after a turn: azimuth and altitude minus what the last image had, rad.
+        For `THREE` after a turn: change in azimuth and altitude since the last image, rad.
     bolt : str
-        Of which the error has doubled.
+        Bolt whose error has doubled.
     before : float
-        What it was, rad.
+        Its former error, rad.
     """
 
     kind: str
@@ -64,21 +64,21 @@ class BoltReading(NamedTuple):
 
 
 class BoltWatch:
-    """What is left to turn, image by image.
+    """Remaining corrections, image by image.
 
-    It begins with three images at different hour angles, or with a model. Then each image tells
-    what is left, until the first axis turns: three images more measure the axis anew.
+    It starts with three images at different hour angles, or with a model. Then each image gives the
+    remaining error, until the first axis turns: three more images then measure the axis again.
 
     Parameters
     ----------
     latitude : float
         rad.
     refraction : float
-        Of the pole that is meant, rad.
+        Refraction at the reference pole, rad.
     model : PointingModel, optional
-        Of the mount before the bolts are turned,
+        Model of the mount before the bolts are turned.
     axis : PolarAxis, optional
-        and its axis.
+        Axis of this model.
     """
 
     def __init__(self, latitude, refraction=0.0, model=None, axis=None):
@@ -102,7 +102,7 @@ class BoltWatch:
         Raises
         ------
         ValueError
-            The three images do not give an axis; they are forgotten.
+            The three images do not give an axis; they are discarded.
         """
         last, self._last = self._last, image
         if self._turning and last is not None and self._axis_turned(last, image):
@@ -119,7 +119,7 @@ class BoltWatch:
         moved = self._turned and (wrap(found.azimuth - self._now.azimuth),
                                   found.altitude - self._now.altitude)
         reading = BoltReading(THREE, found, len(arc), self._turned, moved or None)
-        # what a model has of the axis is no longer so
+        # the axis in the model is out of date
         self.model, self.axis, self._reference, self._now = None, found, arc[-1], found
         self._turning = True
         return reading
@@ -141,7 +141,7 @@ class BoltWatch:
         return BoltReading(ONE, now)
 
     def _given(self, image):
-        """Where it would look with its readings, had no bolt been turned; the image; the sigma."""
+        """Expected direction at these readings with untouched bolts; the image; its sigma."""
         if self.model is None:
             if abs(wrap(image.second - self._reference.second)) > AT_REST:
                 raise ValueError('the declination axis moved since the three images: leave it, or '

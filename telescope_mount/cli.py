@@ -13,7 +13,7 @@
 # limitations under the License.
 
 # PYTHON_ARGCOMPLETE_OK
-"""The command `telescope-mount`; here is imported only what Ctrl-C can do no harm to."""
+"""The command `telescope-mount`. It imports only what Ctrl-C cannot harm."""
 
 import os
 import sys
@@ -31,9 +31,8 @@ os.environ.update(ONE_THREAD | os.environ)  # before numpy comes
 def main(argv=None):
     """Entry point; returns the exit code.
 
-    0 done, 1 a check found something (a number that differs, a damaged log, a driver that is
-    wrong, an image that was not solved, a refusal), 2 bad input, 130 ended by Ctrl-C, 143 by
-    SIGTERM, 129 by SIGHUP.
+    0: done. 1: a check found something (a number that differs, a damaged log, a faulty driver, an
+    unsolved image, a refusal). 2: bad input. 130: ended by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
     """
     command = ''
     try:
@@ -53,7 +52,7 @@ def main(argv=None):
         print(f'ended by {by}{logged}', file=sys.stderr)
         return 128 + number
     except BrokenPipeError:
-        silence_output()  # nobody reads on
+        silence_output()  # the reader has gone
         return 0
     except ImportError as err:
         from .missing_ros import missing
@@ -65,21 +64,21 @@ def main(argv=None):
     except (ValueError, OSError, RuntimeError, MemoryError) as err:
         try:
             sys.stdout.flush()
-        except (OSError, ValueError):  # it is the output that cannot be written
+        except (OSError, ValueError):  # the output itself cannot be written
             silence_output()
         print(f'error: {_one_line(err)}', file=sys.stderr)
         return 2
 
 
 def silence_output():
-    """What the standard output could not take the interpreter would try once more at its end."""
+    """Discard unwritten output, or the interpreter would try to write it again at its end."""
     from contextlib import suppress
     with open(os.devnull, 'w') as nobody, suppress(OSError, ValueError):
         os.dup2(nobody.fileno(), sys.stdout.fileno())
 
 
 def _run(args):
-    """Check what can be checked before the work, do it, and give the exit code."""
+    """Check what can be checked in advance, do the work, and return the exit code."""
     from .command_parser import module_of
     from .commands import options
     from .commands.console import ProgressLine
@@ -90,12 +89,12 @@ def _run(args):
     options.check_files(args)
     with options.json_alone(args), ProgressLine(first=args.command):
         code = module.run(args) or 0
-    sys.stdout.flush()  # a full disk may refuse only here
+    sys.stdout.flush()  # a full disk may fail only here
     return code
 
 
 def _near(name):
-    """A file beside the one that is not there, with nearly its name."""
+    """Hint at a file with a similar name, if a file is missing."""
     from contextlib import suppress
     from difflib import get_close_matches
     folder, word = os.path.split(name)

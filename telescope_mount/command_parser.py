@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The parser of the command line, and what it says of words that it does not know."""
+"""The parser of the command line, with hints for unknown words."""
 
 import argparse
 import os
@@ -27,7 +27,7 @@ from msg_tools.terminal_signs import spell_out
 from .commands import COMMANDS, PAPERS
 from .commands.options import json_given
 
-#: options that are called otherwise than once, by command
+#: renamed options: command and old name -> new name
 RENAMED = {
     ('diagnose', '--driver'): '--cause', ('season', '--driver'): '--cause',
     ('solve', '--mount'): '--keywords', ('replay', '--out'): '--save',
@@ -37,13 +37,13 @@ RENAMED = {
 class _Parser(argparse.ArgumentParser):
 
     def error(self, message):
-        # one line: what is wrong and where to read on
+        # one line: what is wrong and where to read more
         print(f'error: {_with_hint(message)} (see {self.prog} --help)', file=sys.stderr)
         raise SystemExit(2)
 
 
 class _Version(argparse.Action):
-    """Print the version and end; it is looked up when it is asked for."""
+    """Print the version and exit; it is looked up only on request."""
 
     def __call__(self, parser, *_):
         print('telescope-mount', version_of() or 'of a folder that is not installed')
@@ -56,7 +56,7 @@ def make_parser(only=None):
     Parameters
     ----------
     only : str, optional
-        The module of the command that is asked for: the others are not loaded.
+        Module of the requested command: the others are not loaded.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def module_of(name):
 
 
 def parsed(argv):
-    """The arguments of a command line.
+    """Parse the arguments of a command line.
 
     Raises
     ------
@@ -94,13 +94,13 @@ def parsed(argv):
         import argcomplete
         argcomplete.autocomplete(parser, always_complete_options=False)
     args, unknown = parser.parse_known_args(json_given(argv))
-    if unknown:  # of the command: its own help says what it takes
+    if unknown:  # of the command, whose own help lists its options
         _refuse(parser, args.command, unknown)
     return args
 
 
 def _refuse(parser, command, unknown):
-    """End with what is unknown to a command, and what may be meant."""
+    """Exit with a message about options unknown to a command, and a hint."""
     own = next(a.choices for a in parser._actions if a.dest == 'command')[command]
     options = [text for action in own._actions for text in action.option_strings]
     first = unknown[0].partition('=')[0]
@@ -115,7 +115,7 @@ def _refuse(parser, command, unknown):
 
 
 def _with_hint(message):
-    """A choice that argparse refuses, with the nearest of those that it names."""
+    """Append the closest choice to argparse's message about an invalid choice."""
     found = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)$", message)
     if found is None:
         return message

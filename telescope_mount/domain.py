@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A ROS domain of one's own: two nights or two test suites on one machine do not meet."""
+"""A private ROS domain: two nights or test suites on one machine do not interfere."""
 
 import contextlib
 import errno
@@ -43,7 +43,7 @@ class DomainLock:
         self._file = file
 
     def release(self):
-        """Let others have the domain."""
+        """Release the domain for others."""
         self._file.close()
 
 
@@ -53,7 +53,7 @@ def _lock_file(number):
 
 def _lock(number):
     shared = _lock_file(number)
-    # where another user has that one, it may not be written
+    # if another user owns the first file, it may not be writable
     for path in (shared, shared.with_name(f'{shared.stem}_of_{os.geteuid()}.lock')):
         with contextlib.suppress(OSError):
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
@@ -70,7 +70,7 @@ def _lock(number):
 
 
 def _taken(number):
-    """Whether a participant of this machine listens in the domain."""
+    """Whether a participant on this machine uses the domain."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(('0.0.0.0', 7400 + 250 * number + 10))
@@ -82,7 +82,7 @@ def _taken(number):
 
 
 def _claimed(number):
-    """The lock of a domain that nobody has, or None."""
+    """The lock of a free domain, or None."""
     file = _lock(number)
     if file is None:
         return None
@@ -94,18 +94,18 @@ def _claimed(number):
 
 
 def _ports(number):
-    """Of a domain."""
+    """UDP ports of a domain."""
     return range(7400 + 250 * number, 7650 + 250 * number)
 
 
 def _clear(number):
-    """Remove what dead graphs have left in this domain, which is ours, and in those that none has
-    now.
+    """Remove what dead graphs have left in this domain, which we hold, and in domains that are now
+    unused.
     """
     free, ports = contextlib.ExitStack(), {*_ports(number)}
     with free:
         for other in {(port - 7400) // 250 for port in left_ports()} - {number}:
-            # a domain that no graph of ours ever had is no matter of ours
+            # leave domains alone that no graph of ours has ever used
             if 0 <= other <= LAST_DOMAIN and _lock_file(other).exists():
                 file = _lock(other)
                 if file is not None:
@@ -115,17 +115,17 @@ def _clear(number):
 
 
 def join(number=None):
-    """A domain where others may be: drivers that run already.
+    """A domain shared with others: with drivers that already run.
 
     Parameters
     ----------
     number : int, optional
-        Else that of ``ROS_DOMAIN_ID``, else 0.
+        By default that of ``ROS_DOMAIN_ID``, or 0.
 
     Returns
     -------
     DomainLock
-        Of nothing.
+        It locks nothing.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def claim(number=None):
     Parameters
     ----------
     number : int, optional
-        That one; else a free one.
+        This domain; by default a free one.
 
     Returns
     -------
@@ -160,14 +160,14 @@ def claim(number=None):
         if not 0 <= number <= LAST_DOMAIN:
             raise ValueError(f'domain {number}: must be 0 to {LAST_DOMAIN}')
         lock = _claimed(number)
-        if lock is None:  # a start elsewhere may be clearing it, which takes moments
+        if lock is None:  # another start may be clearing it for a moment
             time.sleep(0.05)
             lock = _claimed(number)
         if lock is None:
             raise ValueError(f'domain {number} is in use on this machine; choose another with '
                              '--domain, or leave it out to get a free one')
         return lock
-    # not the low ones, where people work by hand
+    # not the low numbers, which people use by hand
     start = os.getpid() % 90
     for i in range(90):
         lock = _claimed(10 + (start + i) % 90)

@@ -14,14 +14,14 @@
 
 """A process that has imported what all nodes need, and forks one node after the other.
 
-Eight interpreters that each import numpy, rclpy and the messages take longer than a short night:
-one of 30 stars takes 1.3 times the processor time and 0.8 s more without this (4.5 for 3.4 s). It
-can go when an interpreter with rclpy begins in 0.1 s.
+Importing numpy, rclpy and the messages in eight interpreters takes longer than a short night: one
+of 30 stars takes 1.3 times the processor time and 0.8 s more without this (4.5 instead of 3.4 s).
+It becomes unnecessary when an interpreter with rclpy starts in 0.1 s.
 
-Requests come on the connection whose file descriptor is its argument, a dict each: modules
+Requests arrive on the connection whose file descriptor is its argument, each a dict: modules
 of nodes, arguments, name, environment, file for the output. It answers
 ``{'started': pid}``, later ``{'ended': pid, 'code': code}``. A command that has not used ROS yet
-forks it from itself, else it is a program.
+forks it from itself; otherwise it is a separate program.
 """
 
 import ctypes
@@ -42,8 +42,8 @@ _SET_DEATH_SIGNAL, _SET_NAME = 1, 15
 
 @contextmanager
 def _kept():
-    """Within, what is made stays: no collector looks through it, now or in a node, where it would
-    copy the pages of what all share.
+    """Keep objects made within from the garbage collector, which would otherwise copy memory pages
+    shared with the nodes.
     """
     gc.disable()
     try:
@@ -55,7 +55,7 @@ def _kept():
 
 @_kept()
 def preload():
-    """Import what all nodes need; nothing that opens a file, a socket or a thread."""
+    """Import what all nodes need, but nothing that opens a file, a socket or a thread."""
     import rclpy
     from rclpy.type_support import check_for_type_support
 
@@ -66,15 +66,15 @@ def preload():
     for topic in topics.ALL:
         check_for_type_support(topic.message)
     rclpy.get_rmw_implementation_identifier()  # loads DDS
-    # a node's first line of log asks which module is in which file: of all modules
+    # the first log line of a node looks up the file of every module: cache this
     inspect.getframeinfo(inspect.currentframe())
 
 
 @_kept()
 def prepare(modules):
-    """Import what nodes need."""
+    """Import modules of nodes."""
     for module in modules:
-        # one that cannot be imported says so itself, when it is started
+        # a failing import is reported by the node itself when it starts
         with suppress(ImportError):
             import_module(module)
 
@@ -83,14 +83,14 @@ def run_node(request):
     """In the forked child: become the node, and end with its exit code."""
     code = 1
     try:
-        # told to end while it imports, it does so without a word
+        # a request to end during imports is obeyed silently
         on_end(lambda *_: os._exit(0))
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
         os.setsid()
         libc = ctypes.CDLL(None)
         libc.prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)  # no node outlives its graph
         if os.getppid() != request['parent']:
-            sys.exit(-signal.SIGTERM)  # it died before that
+            sys.exit(-signal.SIGTERM)  # the server died before prctl
         libc.prctl(_SET_NAME, request['name'].encode()[:15])
         _redirect(request['log'])
         os.environ.clear()
@@ -107,23 +107,23 @@ def run_node(request):
         traceback.print_exc()
     sys.stdout.flush()
     sys.stderr.flush()
-    # all is destroyed; to take the interpreter apart copies each page shared with the others, 0.2 s
+    # everything is destroyed; tearing down the interpreter would copy shared pages, 0.2 s
     os._exit(code)
 
 
 def main():
-    """Serve, as a program."""
+    """Serve as a program."""
     serve(Connection(int(sys.argv[1])))
 
 
 def serve_forked(connection, others, log):
-    """Serve, as a fork of a command; `others` is its end, `log` the file for what is wrong."""
+    """Serve as a fork of a command; `others` is its end, `log` the file for errors."""
     for number in ENDING:
         signal.signal(number, signal.SIG_DFL)
     others.close()
     os.setsid()
     _redirect(log)
-    # not the command's own: a thread of it may have been writing to them
+    # new streams: a thread of the command may have been writing to the old ones
     sys.stdin = os.fdopen(0, encoding='utf-8', closefd=False)
     sys.stdout, sys.stderr = (os.fdopen(
         number, 'w', encoding='utf-8', errors='backslashreplace', buffering=1, closefd=False)
@@ -132,7 +132,7 @@ def serve_forked(connection, others, log):
 
 
 def _redirect(log):
-    """Both outputs into a file, and no input."""
+    """Send both outputs to a file, and close the input."""
     log = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     null = os.open(os.devnull, os.O_RDONLY)
     for number, source in enumerate((null, log, log)):
@@ -147,7 +147,7 @@ def serve(connection):
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     preload()
     fork_server = os.getpid()
-    nodes = {}  # read end of a pipe whose other end closes with the node -> pid
+    nodes = {}  # read end of a pipe that closes when the node ends -> pid
     seen = set()
     while True:
         for source in wait([connection, *nodes]):
@@ -160,13 +160,13 @@ def serve(connection):
                 request = connection.recv()
             except EOFError:
                 return
-            # many at once others will need, too; the second of its kind begins at once. Else a
-            # node imports its own, beside those that come after it
+            # a group of modules, or one requested again, will be needed by others, too: import it
+            # here. Otherwise the node imports its own, in parallel with those that follow
             if len(request['modules']) > 1 or seen.issuperset(request['modules']):
                 prepare(request['modules'])
             seen.update(request['modules'])
             alive, end = os.pipe()
-            # what a node is told before it listens waits, and is not lost
+            # signals sent to a node before it handles them are blocked, not lost
             signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
             pid = os.fork()
             if pid == 0:

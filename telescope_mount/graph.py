@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The one description of the graph: which nodes there are, and with which parameters.
+"""The description of the graph: its nodes and their parameters.
 
-`telescope-mount` starts it with processes of its own, `launch/night.launch.py` with ROS launch.
-That beside the mount of a server is `server_night.server_graph`.
+`telescope-mount` starts it with its own processes, `launch/night.launch.py` with ROS launch.
+The graph for the mount of a server is `server_night.server_graph`.
 """
 
 import math
@@ -25,7 +25,7 @@ from msg_tools import NAMESPACE
 from pointing_model.mounts import parse_mount
 from telescope_mount.observing.plan import parse_plan
 
-#: executable -> module; setup.py makes one executable of each
+#: executable -> module; setup.py makes an executable for each
 NODES = {
     'mount_simulator': 'encoder_sim.mount_simulator_node',
     'incremental_encoder': 'encoder_sim.incremental_encoder_node',
@@ -46,22 +46,22 @@ NODES = {
     'alpaca_sky': 'telescope_mount.bridges.alpaca.alpaca_sky_node',
 }
 
-#: executables that need types of telescope_mount_msgs, which is built apart, and say so
+#: executables that need types of telescope_mount_msgs, which is built separately
 WITH_BUILT_TYPES = {
     'action_bridge': 'telescope_mount.bridges.actions.action_bridge_node',
 }
 
-#: of the simulated incremental encoder (paper 000): lines in a turn
+#: lines per turn of the simulated incremental encoder (paper 000)
 GRATING = 'grating=47200'
 SIMULATED = ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera')
 NIGHT = (*SIMULATED, 'mount_guard', 'star_observer', 'pointing_corrector', 'mcap_logger',
          'calibration')
 
-#: without a time scale each of these waits for the others: apart, most of a night would be their
-#: start and the way of messages from one process to the next
+#: without a time scale these nodes wait for each other in turn: in separate processes most of a
+#: night would be start-up and transport of messages
 IN_TURN = (*SIMULATED, 'frame_reader', 'mount_guard', 'star_observer', 'pointing_corrector')
 
-#: topics that only simulated hardware has
+#: topics that only simulated hardware publishes
 TRUTH = '.*/truth/.*'
 
 #: parameters of the site
@@ -72,7 +72,7 @@ SITE = ('latitude_deg', 'longitude_deg', 'height_m')
 class NodeSpec:
     """A node to start: its executable, its module and its parameters.
 
-    Those that have the same `process` share one of that name; by default each has its own.
+    Nodes with the same `process` share a process of that name; by default each has its own.
     """
 
     name: str
@@ -87,18 +87,18 @@ class NodeSpec:
 
 
 def given_of(sky, names):
-    """Those of the parameters `names` of site and weather that are given."""
+    """Those parameters in `names` of site and weather that are given."""
     return {name: sky[name] for name in names if name in sky}
 
 
 def pass_of(plan):
-    """The satellite of a plan's passes, which the simulated sky must have."""
+    """The satellite of the passes in a plan, which the simulated sky must contain."""
     found = [step.what for step in parse_plan(plan) if step.verb == 'pass'] if plan else []
     return found[0] if found else ''
 
 
 def mode_of(plan):
-    """Of the calibration: a plan that has the step `track` needs a model after each star."""
+    """Mode of the calibration: a plan with the step `track` needs a model after each star."""
     tracks = plan and any(step.verb == 'track' for step in parse_plan(plan))
     return {'mode': 'track'} if tracks else {}
 
@@ -112,39 +112,40 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     Parameters
     ----------
     bag : str
-        Folder of the log, which must not exist; the truth goes beside it.
+        Folder of the log, which must not exist; the truth is written next to it.
     scenario : str
-        What is wrong with the simulated mount; only the simulator's nodes read it.
+        Errors of the simulated mount; only the simulator's nodes read it.
     seed : int
-        Of every random number.
+        Seed of all random numbers.
     start_time : str
         UTC, ISO 8601; empty for the simulator's default.
     plan : str
         Steps of the observer; empty for its default.
     time_scale : float
-        Simulated seconds a second; 0 as fast as the machine can.
+        Simulated seconds per second; 0: as fast as the machine can.
     model_file : str
         Active pointing model at the start.
     first_run : int
         Run number of the first power-on.
     sky : dict, optional
-        Parameters of site and weather (`latitude_deg`, ...), for simulator and observer alike.
+        Parameters of site and weather (`latitude_deg`, ...), for both simulator and observer.
     reference_age : int
-        The zero of a night is relative to the model of so many nights before; 0: to `model_file`.
+        The zero of a night is relative to the model of this many nights before; 0: to
+        `model_file`.
     satellite : str
-        What the step `satellite` tracks, in the sky and by the observer.
+        Satellite for the step `satellite`, in the sky and for the observer.
     sample_rate_hz : float, optional
-        Readings a second of an exposure.
+        Readings per second of an exposure.
     calibration : dict, optional
         Further parameters of the calibration.
     absolute : {'angles', 'frames'}
-        The simulated absolute encoder reads itself, or publishes images that `frame_reader` reads.
+        The simulated absolute encoder publishes angles, or images that `frame_reader` reads.
     mount : str
-        What the observer is told of the kind of mount, see `pointing_model.mounts.parse_mount`.
+        Kind of mount for the observer, see `pointing_model.mounts.parse_mount`.
     namespace : str
-        In which the nodes will be started.
+        Namespace of the nodes.
     kept_power_ons : int, optional
-        Of observer and calibration; by default the nodes' own.
+        For observer and calibration; by default the nodes' own.
 
     Returns
     -------
@@ -157,7 +158,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     simulator = {'scenario': scenario, 'seed': seed} | (
         {'start_time': start_time} if start_time else {})
     parameters = {
-        # live, the servo and the camera need more than the few samples around an exposure
+        # live, servo and camera need more than the few samples around an exposure
         'mount_simulator': simulator | {'time_scale': time_scale} | given_of(sky, SITE[:1]) | (
             {'sample_rate_hz': sample_rate_hz} if sample_rate_hz
             else {'sample_rate_hz': 10.0} if time_scale else {}),
@@ -165,16 +166,16 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         'absolute_encoder': simulator | ({'publishes': 'frames'} if absolute == 'frames' else {}),
         'frame_reader': every_frame(namespace) | {'mount': parse_mount(mount, 0.0).kind},
         'camera': simulator | sky | {'satellite': satellite or pass_of(plan)},
-        # a simulated mount has no cables, and without time scale its time waits for events
+        # a simulated mount has no cables; without a time scale its time waits for events
         'mount_guard': {
             'use_sim_time': True, 'mount': mount, 'first_rate_deg_s': 6.0,
             'second_rate_deg_s': 4.0 if altaz else 6.0, 'first_acceleration_deg_s2': 3.0,
             'second_acceleration_deg_s2': 2.0 if altaz else 3.0,
             'slew_timing': 1.0,
-            # one that is simulated in the south goes through the pole below the horizon
+            # a simulated mount in the south goes through the pole below the horizon
             'least_elevation_deg': -90.0 if below else 0.0,
         } | ({'ahead_s': 1.5 * time_scale, 'request_timeout_s': 1.0, 'silence_s': 1.0,
-               # half a second of the wall at full speed
+               # half a second of wall time at full speed
                'behind_deg': min(2.0 + 3.0 * time_scale, 180.0)} | simulated_site()
               if time_scale else {'renew_s': 0.0}) | (
             {'first_travel_deg': '-36000,36000'} if altaz
@@ -196,42 +197,42 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
 
 
 def simulated_site():
-    """Where a simulated mount stands, for a guard that leads it live: it goes by no default."""
+    """Site of a simulated mount, for a guard that runs live: it accepts no default."""
     from pointing_model.sky.site import DEFAULT_SITE
     return {'latitude_deg': math.degrees(DEFAULT_SITE.latitude),
             'longitude_deg': math.degrees(DEFAULT_SITE.longitude)}
 
 
 def every_frame(namespace=NAMESPACE):
-    """A camera's images may be lost on the way; those of a simulated encoder must not be."""
+    """Reliable QoS for images: a camera may lose some, a simulated encoder must not."""
     return {f'qos_overrides.{namespace}/absolute/frame.subscription.{policy}': value
             for policy, value in (('reliability', 'reliable'), ('depth', 5000))}
 
 
-#: all but the hardware, whose drivers take the place of the simulator's nodes
+#: all nodes except the hardware, for which drivers replace the simulator's nodes
 REAL = tuple(name for name in NIGHT if name not in SIMULATED)
 
 
 def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute_encoder=False,
                inclinometer=False, exposure=0.0, state_file='', calibration=None,
                namespace=NAMESPACE, autostart=True):
-    """The nodes beside the drivers of a real mount, on the time of the wall.
+    """The nodes besides the drivers of a real mount, on wall time.
 
     Parameters
     ----------
     bag, plan, model_file, sky, mount, calibration, namespace
-        As of `night_graph`.
+        See `night_graph`.
     absolute_encoder : bool
         Whether a driver publishes `absolute/joint_states`.
     inclinometer : bool
         Whether a driver publishes `inclinometer`.
     exposure : float
-        Length of the camera's exposures, s, over which the mount must rest on its track; 0: it is
-        tested in their middle.
+        Exposure time of the camera, s, during which the mount must stay on its track; 0: this is
+        checked only at mid-exposure.
     state_file : str
-        Where the observer keeps the night, so that it goes on after the graph was killed.
+        File in which the observer saves the night, to resume it after the graph was killed.
     autostart : bool
-        Whether the guard becomes active by itself.
+        Whether the guard activates itself.
 
     Returns
     -------
@@ -252,21 +253,21 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     return [NodeSpec(name, NODES[name], parameters[name]) for name in REAL]
 
 
-#: with which a measured run is tested as a night is
+#: nodes with which a measured run is tested like a night
 MEASURED = ('run_player', 'pointing_corrector', 'calibration', 'mcap_logger')
 
 
 def measured_graph(*, bag, player, seed=1, calibration=None):
-    """The nodes that take a measured run as they take a night.
+    """The nodes that process a measured run like a night.
 
     Parameters
     ----------
     bag : str
         Folder of the log, which must not exist.
     player : dict
-        Parameters of the run player: `file` at least.
+        Parameters of the run player, at least `file`.
     seed : int
-        Of the choice of held-out rows.
+        Seed of the choice of held-out rows.
     calibration : dict, optional
         Further parameters of the calibration.
 
@@ -278,7 +279,7 @@ def measured_graph(*, bag, player, seed=1, calibration=None):
         'run_player': {'seed': seed, 'wait_for_nodes': [
             f'{NAMESPACE}/{name}' for name in MEASURED]} | player,
         'pointing_corrector': {'use_sim_time': True},
-        # the rows of the file are all that will come
+        # no more rows will come than those of the file
         'calibration': {'use_sim_time': True, 'split_seed': seed, 'kept_power_ons': 0} | (
             calibration or {}),
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
@@ -287,20 +288,20 @@ def measured_graph(*, bag, player, seed=1, calibration=None):
 
 
 def replay_graph(bag, prefix, played, seed=1, reference=None, calibration=None):
-    """The nodes that calibrate anew on a log.
+    """The nodes that repeat a calibration on a log.
 
     Parameters
     ----------
     bag : str
         The log.
     prefix : str
-        The namespace in which it was recorded, as ``/mount/``.
+        The namespace in which it was recorded, e.g. ``/mount/``.
     played : sequence of str
-        Full names of its topics to publish, that of the observations first.
+        Full names of its topics to publish, the observations first.
     seed : int
-        Of the choice of held-out stars.
+        Seed of the choice of held-out stars.
     reference : str or Path, optional
-        The reference model that the night had.
+        The reference model of the night.
     calibration : dict, optional
         Further parameters of the calibration.
     """

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A client of a running graph, from outside: its services, states and latched messages."""
+"""A client of a running graph: its services, states and latched messages."""
 
 import os
 import time
@@ -30,7 +30,7 @@ from msg_tools.steps import ServiceCall
 from .dds import dds_environment
 from .interrupt import noted, raise_noted
 
-#: s in which nodes of a graph are found, and answer
+#: s allowed to find the nodes of a graph, and to get an answer
 FOUND, ANSWERED = 3.0, 30.0
 
 
@@ -42,7 +42,7 @@ def leads_to(transition):
 
 @contextmanager
 def _environment_of(environment):
-    """Within, what ROS and DDS read is that of `environment`; after it as before."""
+    """Within, ROS and DDS see `environment`; afterwards it is restored."""
     before = dict(os.environ)
     os.environ.update(environment)
     try:
@@ -53,18 +53,18 @@ def _environment_of(environment):
 
 
 class GraphClient:
-    """A node that asks the nodes of a namespace.
+    """A node that queries the nodes of a namespace.
 
     Parameters
     ----------
     domain : int
     namespace : str
     name : str
-        Of the node.
+        Name of the node.
     args : list of str, optional
-        As of `rclpy.init`.
+        See `rclpy.init`.
     environment : dict of str to str, optional
-        That of the graph, from which DDS takes its settings.
+        Environment of the graph, from which DDS takes its settings.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class GraphClient:
         self._until_closed = ExitStack()
         self._until_closed.enter_context(noted())
         self._context = Context()
-        # Ctrl-C belongs to the command line, which ends all in order
+        # Ctrl-C is handled by the command line, which ends everything in order
         with _environment_of(environment or dds_environment()):
             rclpy.init(context=self._context, domain_id=domain, args=args,
                        signal_handler_options=SignalHandlerOptions.NO)
@@ -87,21 +87,21 @@ class GraphClient:
         self._within = self.node.get_namespace().rstrip('/') + '/'
 
     def spin(self, seconds):
-        """Take what comes for at most `seconds`; returns early after something came.
+        """Process events for at most `seconds`; returns early after one.
 
         Raises
         ------
         KeyboardInterrupt
-            A signal since the last time, with its number.
+            A signal arrived since the last call; its number is the argument.
         """
         self.executor.spin_once(timeout_sec=seconds)
         raise_noted()
 
     def check(self):
-        """Called while something is waited for: it may raise."""
+        """Called while waiting; it may raise."""
 
     def spin_until(self, condition, timeout):
-        """Spin until `condition()`; False when `timeout` seconds went by."""
+        """Spin until `condition()`; False after `timeout` seconds."""
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
@@ -111,24 +111,24 @@ class GraphClient:
         return True
 
     def spin_for(self, seconds):
-        """Spin for so long."""
+        """Spin for `seconds`."""
         self.spin_until(lambda: False, seconds)
 
     def ask(self, kind, name, request, found=FOUND, answered=ANSWERED):
-        """Call a service, again where its answer does not come.
+        """Call a service, and repeat the call if no answer comes.
 
-        Its server must be found and answer within so many seconds.
+        `found` and `answered` are the seconds allowed to find its server and to get the answer.
 
         Returns
         -------
         response
         times : int
-            How often it was asked.
+            Number of calls.
 
         Raises
         ------
         ValueError
-            Nobody offers it or answers.
+            No node offers it, or none answers.
         """
         client = self.node.create_client(kind, name)
         if not self.spin_until(client.service_is_ready, found):
@@ -140,12 +140,12 @@ class GraphClient:
         return question.answer, question.times
 
     def trigger(self, name):
-        """Call a Trigger service: whether it was done, and a sentence; ValueError as of `ask`."""
+        """Call a Trigger service: success and message; ValueError see `ask`."""
         answer, _ = self.ask(Trigger, name, Trigger.Request())
         return answer.success, answer.message
 
     def last(self, topic):
-        """The last message of a latched topic; None where none is published."""
+        """The last message of a latched topic, or None."""
         got = []
         subscription = self.node.create_subscription(
             topic.message, topic.name, got.append, topic.qos)
@@ -154,7 +154,7 @@ class GraphClient:
         return got[-1] if got else None
 
     def where_else(self):
-        """Where to look for a graph, '; ...' after a sentence that there is none; '' if one is."""
+        """Hint where to look for a graph, '; ...' to append to a message; '' if one is here."""
         domain = self._context.get_domain_id()
         own = self.node.get_name(), self.node.get_namespace()
         spaces = {space for name, space in self.node.get_node_names_and_namespaces()
@@ -164,7 +164,7 @@ class GraphClient:
     # --- managed nodes ------------------------------------------------------------------------
 
     def managed(self):
-        """Names of the nodes that have states, in order; ValueError where there is none."""
+        """Sorted names of the managed nodes; ValueError if there are none."""
         self.spin_for(FOUND)
         found = sorted(
             name.removeprefix(self._within).removesuffix('/change_state')
@@ -176,15 +176,15 @@ class GraphClient:
         return found
 
     def state(self, name):
-        """Of a managed node; ValueError where it does not answer."""
+        """State of a managed node; ValueError if it does not answer."""
         from lifecycle_msgs.srv import GetState
         answer, _ = self.ask(GetState, f'{name}/get_state', GetState.Request())
         return answer.current_state.label
 
     def change(self, name, transition):
-        """Have a node make a transition; whether it did. ValueError where it does not answer.
+        """Request a transition of a node; whether it succeeded. ValueError if it does not answer.
 
-        `shutdown` is one of three transitions, by the state that it begins in.
+        `shutdown` is one of three transitions, depending on the present state.
         """
         from lifecycle_msgs.msg import Transition
         from lifecycle_msgs.srv import ChangeState
@@ -195,7 +195,7 @@ class GraphClient:
             return False
         answer, times = self.ask(ChangeState, f'{name}/change_state',
                                  ChangeState.Request(transition=Transition(id=number)))
-        # one that was made at the first question is refused at the second
+        # if the first request succeeded, its repetition is refused
         return answer.success or (times > 1 and self.state(name) == leads_to(transition))
 
     def close(self):
@@ -207,24 +207,24 @@ class GraphClient:
 
 
 def elsewhere(domain, namespace, spaces, what='node at all', option='--namespace, '):
-    """What to do where no graph is found.
+    """What to do if no graph is found.
 
     Parameters
     ----------
     domain : int
     namespace : str
-        In which it was looked for.
+        Namespace that was searched.
     spaces : set of str
         Namespaces in which nodes were found.
     what : str
-        That is not there.
+        What is missing.
     option : str
-        With which another namespace is named.
+        Option that selects another namespace.
 
     Returns
     -------
     str
-        To be put after a sentence; '' where there are nodes in the namespace.
+        To append to a message; '' if there are nodes in the namespace.
     """
     if namespace in spaces:
         return ''

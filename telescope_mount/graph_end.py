@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The end of a graph that moves a mount: it is at rest before its guard goes."""
+"""The end of a graph that moves a mount: the mount is at rest before its guard ends."""
 
 import time
 from collections import deque
@@ -21,36 +21,36 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-#: readings that are apart by so long (s), in which the axes moved slower (rad/s; the sky turns
-#: 0.004 deg/s), are of a mount that stands
+#: the mount is at rest if over this interval (s) the axes move slower than this (rad/s; the sky
+#: turns at 0.004 deg/s)
 SPACING, STILL = 0.3, 0.03 * DEG
-#: so long may it take to stop, and to be parked, s
+#: time allowed to stop, and to park, s
 STOPPED, PARKED = 30.0, 600.0
-#: a wait of so long is told, s
+#: longer waits are reported, s
 NOTED = 1.0
-#: encoders that say nothing for so long will not say more, s
+#: encoders silent for this long are taken as stopped, s
 SILENT = 3.0
-#: so long what it says may be under way, s
+#: time allowed for delivery of a message, s
 DELIVERED = 1.0
-#: so long the guard may take to answer, s
+#: time allowed for an answer of the guard, s
 ANSWERED = 2.0
-#: so often is it asked meanwhile
+#: number of requests meanwhile
 ATTEMPTS = 4
-#: its states in which it has not led the mount anywhere, or has it stopped already
+#: states of the guard in which it has not moved the mount, or has stopped it already
 RESTING = ('idle', 'inactive')
-#: those in which it takes no request, either
+#: states in which it accepts no request, either
 LOCKED = ('aborted', 'parked')
 
 
 class AtRest:
-    """Whether the axes of a mount stand, by their readings alone.
+    """Whether the axes of a mount are at rest, from their readings alone.
 
     Attributes
     ----------
     at_rest : bool
-        False before it is known.
+        False until known.
     unknown : bool
-        The last reading is no number: the mount was not homed, and the guard led it nowhere.
+        The last reading is not a number: the mount was not homed, and the guard did not move it.
     """
 
     def __init__(self):
@@ -58,14 +58,14 @@ class AtRest:
         self.at_rest = self.unknown = False
 
     def take(self, at, angles):
-        """A reading: when, s, and both angles, rad."""
+        """Add a reading: time, s, and both angles, rad."""
         angles = np.array(angles, float)
         self.unknown = not np.isfinite(angles).all()
-        # ten of an interval are as good as a thousand
+        # ten readings per interval are enough
         if self.unknown or (self._kept and at - self._kept[-1][0] < 0.1 * SPACING):
             return
         self._kept.append((at, angles))
-        # one that is as old stays: an encoder may be slow
+        # keep one reading at least as old as the interval: an encoder may be slow
         while len(self._kept) > 2 and at - self._kept[1][0] >= SPACING:
             self._kept.popleft()
         moved = np.abs(wrap(angles - np.array([other for _, other in self._kept]))).max()
@@ -74,21 +74,21 @@ class AtRest:
 
 
 def come_to_rest(watcher, plan, note):
-    """Have the guard of a graph stop the mount, or park it where it is about to, and wait.
+    """Have the guard of a graph stop the mount, or finish parking it, and wait.
 
     Parameters
     ----------
     watcher : watcher.Watcher
-        Of the graph, whose nodes still run.
+        Watcher of the graph, whose nodes still run.
     plan : str
-        Its state, as of `msg_tools.status_rows.Progress`.
+        State of the plan, see `msg_tools.status_rows.Progress`.
     note : callable
-        Called with what is waited for, and what came of it.
+        Called with messages about waiting and its result.
 
     Raises
     ------
     KeyboardInterrupt
-        Whoever waits has had enough.
+        The user does not want to wait.
     """
     from msg_tools import convert, topics
 
@@ -97,10 +97,10 @@ def come_to_rest(watcher, plan, note):
         return '' if message is None else next(
             (row.value for row in message.values if row.key == 'state'), '')
 
-    watcher.check = lambda: None  # a node that has ended is no matter any more
+    watcher.check = lambda: None  # ended nodes do not matter any more
     if not state():
-        return  # it has never spoken, and led the mount nowhere
-    if plan == 'cancelled':  # by the guard itself: what it does now may be received a moment later
+        return  # it never published, and did not move the mount
+    if plan == 'cancelled':  # by the guard itself, whose status may arrive a moment later
         watcher.spin_until(lambda: state() in (*LOCKED, *RESTING, 'parking'), DELIVERED)
     if state() == 'parking':
         note('waiting until the mount is parked; Ctrl-C ends at once, and the mount stops')
@@ -128,7 +128,7 @@ def come_to_rest(watcher, plan, note):
             note('the guard does not answer: the mount stops by itself at the end of its last '
                  'command')
         if not led and not watcher.node.count_publishers(subscription.topic_name):
-            return  # of a mount without a driver nothing is known, and nothing was asked
+            return  # a mount without a driver, and nothing was requested
         last[0] = time.monotonic()
 
         def over():
@@ -154,7 +154,7 @@ def _aborted(watcher):
     if not watcher.spin_until(client.service_is_ready, ANSWERED):
         return False
     futures = []
-    for _ in range(ATTEMPTS):  # it does no harm, and none of these may come
+    for _ in range(ATTEMPTS):  # repetition is harmless, and a call may be lost
         futures.append(client.call_async(Trigger.Request()))
         if watcher.spin_until(lambda: any(one.done() for one in futures), ANSWERED / ATTEMPTS):
             return True

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Ctrl-C, SIGTERM and SIGHUP end a command in order, with one line, whatever it is at."""
+"""Ctrl-C, SIGTERM and SIGHUP end a command in order, with one line, at any time."""
 
 import contextlib
 import os
@@ -21,13 +21,13 @@ import stat
 
 from msg_tools.signals import ENDING
 
-#: handlers of Python's own
+#: Python's default handlers
 _OWN = dict.fromkeys(ENDING, signal.SIG_DFL) | {signal.SIGINT: signal.default_int_handler}
 _received, _pending = [], []
 
 
 def interrupt(number, _):
-    """The handler of all, outside of `noted`."""
+    """Signal handler outside of `noted`."""
     _let_go_of_terminal()
     _received.append(number)
     raise KeyboardInterrupt(number)
@@ -40,7 +40,7 @@ def _note(number, _):
 
 
 def _let_go_of_terminal():
-    """Where the terminal is closed, what is reported while all ends would be an error."""
+    """Redirect outputs of a closed terminal, where messages at the end would cause errors."""
     for output in (1, 2):
         with contextlib.suppress(OSError):
             if stat.S_ISCHR(os.fstat(output).st_mode) and not os.isatty(output):
@@ -50,9 +50,9 @@ def _let_go_of_terminal():
 
 
 def check():
-    """Raise once more what an import, or a library's ``except:``, has swallowed.
+    """Raise again an interrupt that an import, or a library's ``except:``, has swallowed.
 
-    For long work that nothing has to end in order.
+    For long work that needs no cleanup.
 
     Raises
     ------
@@ -64,14 +64,14 @@ def check():
 
 @contextlib.contextmanager
 def interrupted_in_order(program=False):
-    """Within, all raise KeyboardInterrupt with their number, where nobody else handles them.
+    """Within, signals without another handler raise KeyboardInterrupt with their number.
 
-    An import makes another error of it: that is not what ended the command.
+    An import turns this into another error, which is converted back.
 
     Parameters
     ----------
     program : bool
-        Nothing follows in this process: it ends, and no signal disturbs that.
+        The process ends afterwards, and no signal may disturb that.
     """
     ours = []
     with contextlib.suppress(ValueError):  # not in the main thread
@@ -89,20 +89,20 @@ def interrupted_in_order(program=False):
     finally:
         for number in ours:
             signal.signal(number, signal.SIG_IGN if program else _OWN[number])
-        _received.clear()  # what comes next in this process was not interrupted
+        _received.clear()  # later work in this process was not interrupted
 
 
 @contextlib.contextmanager
 def noted():
-    """Within, a signal raises where `raise_noted` is called, and at the end, and nowhere else.
+    """Within, a signal raises only at calls of `raise_noted`, and at the end.
 
-    For what has to be ended in order, also when it is told again meanwhile; raised in the middle of
-    a message, rclpy makes another error of it.
+    For work that must end in order even if the signal is repeated. If the signal were raised in the
+    middle of a message, rclpy would turn it into another error.
 
     Raises
     ------
     KeyboardInterrupt
-        At the end, with the number of a signal that came since the last look.
+        At the end, with the number of a signal that arrived since the last check.
     """
     before = {}
     with contextlib.suppress(ValueError):  # not in the main thread
@@ -125,7 +125,7 @@ def noted():
 
 
 def raise_noted():
-    """Within `noted`: raise what was told since the last time.
+    """Within `noted`: raise a signal that arrived since the last check.
 
     Raises
     ------

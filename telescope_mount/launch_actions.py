@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the launch files share. It needs ROS launch, which is in no wheel: they alone import it."""
+"""Common parts of the launch files. Only they import it: ROS launch is in no wheel."""
 
 import difflib
 import os
@@ -47,7 +47,7 @@ from .dds import dds_environment
 from .parameter_file import check, sections, values_of
 from .parent import PARENT
 
-#: that every launch file takes: name, default, text
+#: arguments of every launch file: name, default, text
 SHARED = (
     ('namespace', NAMESPACE, 'of the graph: a separate one for each mount'),
     ('display', 'true', 'mount_display, and robot_state_publisher where it is installed: RViz and '
@@ -64,13 +64,13 @@ class Values(dict):
     Raises
     ------
     ValueError
-        One is no argument, or none of what all launch files take can be used.
+        An unknown argument, or an unusable value of a common one.
     """
 
     def __init__(self, file, arguments, context):
         names = [name for name, _, _ in arguments]
-        # launch takes any name, and a night would run without what its user requested. Of what
-        # another launch file was given that includes this one nothing is known
+        # launch accepts any name, and a night would run without what the user wanted. If another
+        # launch file includes this one, its arguments are unknown
         given = context.argv if any(word.endswith(file) for word in sys.argv) else ()
         for word in given or ():
             name, assigned, _ = word.partition(':=')
@@ -80,13 +80,13 @@ class Values(dict):
                     f'did you mean {close[0]}?' if close else f'it has {", ".join(names)}'))
         super().__init__((name, LaunchConfiguration(name).perform(context)) for name in names)
         if self['params_file'] and not Path(self['params_file']).is_file():
-            # launch itself only warns, and the night would run with another site
+            # launch only warns, and the night would run with another site
             raise ValueError(f'params_file:={self["params_file"]} is no file')
         if not re.fullmatch('(/[A-Za-z][A-Za-z0-9_]*)+', self['namespace']):
             raise ValueError(f'namespace:={self["namespace"]}: write a name such as {NAMESPACE}')
 
     def number(self, kind, name):
-        """A number of `kind` int or float; ValueError for another text."""
+        """A number of type `kind`, int or float; ValueError for other text."""
         try:
             return kind(self[name])
         except ValueError:
@@ -94,32 +94,32 @@ class Values(dict):
             raise ValueError(f'{name}:={self[name]} is no {what}') from None
 
     def truth(self, name):
-        """A bool; ValueError for another text."""
+        """A bool; ValueError for other text."""
         if self[name] not in ('true', 'false'):
             raise ValueError(f'{name}:={self[name]}: write true or false')
         return self[name] == 'true'
 
     @property
     def files(self):
-        """Parameter files of the user's, list of str."""
+        """The user's parameter files, list of str."""
         return [self['params_file']] if self['params_file'] else []
 
 
 def started(values, specs, drivers=()):
-    """Actions that start nodes, and drivers before them, and end all with the first that ends.
+    """Actions that start drivers and nodes, and end all when the first one ends.
 
     Parameters
     ----------
     values : Values
     specs : sequence of graph.NodeSpec
     drivers : sequence of str
-        Python files.
+        Python files of drivers.
 
     Returns
     -------
     list
     """
-    # a busy machine takes longer than launch's 5 s to close the files of all
+    # on a busy machine closing all files takes longer than launch's 5 s
     patient = {'output': 'screen',
                'sigterm_timeout': LaunchConfiguration('sigterm_timeout', default='20')}
     notes = [LogInfo(msg=text) for path in values.files or [None]
@@ -133,14 +133,14 @@ def started(values, specs, drivers=()):
     processes += [Node(package='telescope_mount', executable=spec.name, name=spec.name,
                        namespace=values['namespace'],
                        parameters=[spec.parameters, *values.files], **patient) for spec in specs]
-    # a night without one of them would wait for ever
+    # without one of them a night would wait forever
     return notes + processes + pictures + [
         RegisterEventHandler(OnProcessExit(target_action=process, on_exit=end_all))
         for process in processes]
 
 
 def _pictures(values, specs):
-    """What shows the mount; a night goes on without it."""
+    """Nodes that display the mount; a night continues without them."""
     observer = next(spec.parameters for spec in specs if spec.name == 'star_observer')
     own = {name: observer[name] for name in ('mount', 'use_sim_time') if name in observer}
     place = {'namespace': values['namespace'], 'output': 'screen'}
@@ -148,7 +148,7 @@ def _pictures(values, specs):
                'name': 'mount_display', **place}
     try:
         get_package_prefix('robot_state_publisher')
-    except (LookupError, OSError):  # no tf: markers show it
+    except (LookupError, OSError):  # no tf: use markers
         return [Node(parameters=[own, *values.files], **display)]
     for path in values.files:
         observer = values_of(f'{values["namespace"]}/star_observer', observer, sections(path))
@@ -162,10 +162,10 @@ def _pictures(values, specs):
 
 
 def end_all(event, context):
-    """End the launch as a process of it has ended: with code 1 unless that had 0."""
-    if context.is_shutdown:  # Ctrl-C: all end, and each has its signal already
+    """End the launch when a process ends: with code 1 unless the process had 0."""
+    if context.is_shutdown:  # Ctrl-C: every process has its signal already
         return None
-    if event.returncode:  # launch ends all the same, but with code 1 and this line
+    if event.returncode:  # launch then ends with code 1 and this line
         raise RuntimeError(f'{event.process_name} ended with code {event.returncode}')
     return EmitEvent(event=Shutdown(reason=f'{event.process_name} ended'))
 
@@ -178,9 +178,9 @@ def description(file, arguments, actions):
     file : str
         Name of the launch file.
     arguments : sequence of (str, str, str)
-        As `ros2 launch ... --show-args` lists them: name, default, text. `SHARED` come after them.
+        Name, default, text, as listed by `ros2 launch ... --show-args`. `SHARED` follow them.
     actions : callable
-        ``actions(values)``, a `Values`: the actions; ValueError for what cannot be used.
+        ``actions(values)`` with a `Values` returns the actions; ValueError for unusable values.
     """
     arguments = (*arguments, *SHARED)
     return LaunchDescription([

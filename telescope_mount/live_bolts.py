@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The images of ``bolts --live``, of a folder or a camera: each is solved, and tells the rest."""
+"""Images for ``bolts --live``, from a folder or a camera: each is solved and evaluated."""
 
 import time
 from dataclasses import replace
@@ -36,12 +36,12 @@ from pointing_model.sky.site import Site
 
 from .bolt_watch import COLLECTED, STOPPED, THREE, BoltWatch
 
-#: exposures of a camera, s; how often a folder is looked at, s; without a new image for how long it
-#: ends, s; how near to the pole is near enough, arcsec
+#: exposure time of a camera, s; interval between checks of a folder, s; it ends after this time
+#: without a new image, s; sufficient distance from the pole, arcsec
 EXPOSURE, EVERY, PATIENCE, WITHIN_ARCSEC = 1.0, 2.0, 600.0, 10.0
-#: of a solution without a sigma, as a part of a pixel
+#: sigma of a solution without one, in pixels
 _SIGMA = 0.3
-#: least sigma of an image, rad: what solvers give knows no seeing and no wind
+#: least sigma of an image, rad: a solver's sigma excludes seeing and wind
 _SEEING = 1.0 * ARCSEC
 _TIMEOUT = 60.0
 
@@ -53,9 +53,9 @@ class LiveFolder:
     ----------
     folder : Path
     args : argparse.Namespace
-        Of the command.
+        Arguments of the command.
     latitude : float, optional
-        Of the model, rad: where neither options nor images give it.
+        Latitude of the model, rad: used if neither options nor images give it.
     """
 
     def __init__(self, folder, args, latitude=None):
@@ -73,12 +73,12 @@ class LiveFolder:
         self._seen, self.site = {}, None
 
     def new_images(self):
-        """Images that were not looked at, in the order in which they were taken.
+        """New images, in the order in which they were taken.
 
         Yields
         ------
         name, written, image, reason : str, float, Image or None, str or None
-            `written` is when the file came, s since 1970.
+            `written` is when the file was written, s since 1970.
         """
         rows = []
         for path in self._files():
@@ -107,7 +107,7 @@ class LiveFolder:
     def _files(self):
         try:
             return self.mapping.images(self.folder)
-        except ValueError:  # none yet
+        except ValueError:  # no images yet
             return []
 
     def _site_of(self, path, header):
@@ -135,7 +135,7 @@ class LiveFolder:
                         self.site, path.name, air, self.mapping.frame)
 
     def _solved(self, path, header):
-        """The solution in the header, or of the solver."""
+        """The solution in the header, or by the solver."""
         if self._solver is None:
             try:
                 found, _ = one_image(header, self.mapping)[:2]
@@ -149,7 +149,7 @@ class LiveFolder:
 
 
 def solved(solver, path, boresight=None):
-    """An image through a solver, the quick way where it can: as `PlateSolver.solve`."""
+    """Solve an image, the quick way if possible; see `PlateSolver.solve`."""
     if solver.kind == 'solve-field':
         try:
             return replace(solver, quick=True).solve(path, boresight)
@@ -160,13 +160,13 @@ def solved(solver, path, boresight=None):
 
 
 def image_of(solution, sigma, moment, first, second, site, name, air=None, frame=None):
-    """A solution as an `Image`.
+    """Convert a solution to an `Image`.
 
     Parameters
     ----------
     solution : PlateSolution
     sigma : float
-        arcsec, an axis; NaN where the solver gives none.
+        arcsec per axis; NaN if the solver gives none.
     moment : float
         UTC, s.
     first, second : float
@@ -174,9 +174,9 @@ def image_of(solution, sigma, moment, first, second, site, name, air=None, frame
     site : Site
     name : str
     air : dict, optional
-        Fields of a `Weather`, where they are known.
+        Fields of a `Weather`, if known.
     frame : Frame, optional
-        In place of that of the solution.
+        Replaces that of the solution.
 
     Returns
     -------
@@ -199,7 +199,7 @@ def _first(*values):
 
 
 def live(args):
-    """Take images until the axis is on the pole, an error doubles, or nothing comes."""
+    """Take images until the axis is at the pole, an error doubles, or no more images come."""
     from .commands import bolts as command
     model = command.model_of(args)[0] if args.file is not None else None
     if model is not None and not model.mount.celestial:
@@ -221,7 +221,7 @@ def live(args):
 
 
 def _watched(source, args, model):
-    """Tell of the images of a folder or camera; the exit code."""
+    """Report the images of a folder or camera; returns the exit code."""
     from .commands import bolts as command
     from .commands.console import new_console, write_outputs
     console, watch, readings, last = new_console(), None, [], None
@@ -249,7 +249,7 @@ def _watched(source, args, model):
                 args.within, 2.0 * entry['pole_distance_sigma_arcsec'])
             done = near and found.kind == THREE and found.again
             lines = watch_lines(found, entry, near, per_turn)
-            if found.kind != COLLECTED or lines != last:  # a camera goes on while nothing turns
+            if found.kind != COLLECTED or lines != last:  # a camera continues while nothing turns
                 console.print(f'{name}, {late:.1f} s after it was written:', soft_wrap=True)
                 for line in lines:
                     console.print(f'  {line}', soft_wrap=True)

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where a star or satellite is: catalogue, apparent place, refraction, orbits."""
+"""Places of stars and satellites: catalogue, apparent place, refraction, orbits."""

@@ -14,19 +14,19 @@
 
 """Earth orientation: UT1-UTC and polar motion for any date, each with its uncertainty.
 
-From 1962 on the tables of the IERS that the package astropy-iers-data carries are used: the C04
-series, then Bulletin A with its predictions. Interpolation is on UT1-TAI, which no leap second
-tears. Beyond the tables the values are extrapolated and the uncertainty says so:
+From 1962 on the IERS tables in the package astropy-iers-data are used: the C04 series, then
+Bulletin A with its predictions. UT1-TAI is interpolated, since it has no leap seconds. Beyond the
+tables the values are extrapolated, with the uncertainty that this implies:
 
-* UT1-UTC after the table: its last year's rate goes on, with the seasonal variation UT2-UT1. The
-  formula of Bulletin A, 0.00025 s (days)^0.75, is meant for a few weeks: on the C04 series
+* UT1-UTC after the table: the rate of the table's last year, plus the seasonal variation UT2-UT1.
+  The formula of Bulletin A, 0.00025 s (days)^0.75, is meant for a few weeks: on the C04 series
   1972-2026 such an extrapolation is wrong by 0.09 s (rms) after 1 year, 0.9 s after 5 and 2.3 s
-  after 10, which `RATE_WALK` reproduces. UTC is kept within 0.9 s of UT1 by leap seconds yet to
-  come, at least until 2035, so the extrapolation is averaged with 0 +- 0.52 s.
+  after 10, which `RATE_WALK` reproduces. Future leap seconds keep UTC within 0.9 s of UT1, at
+  least until 2035, so the extrapolation is averaged with 0 +- 0.52 s.
 * The pole after or before the table: the IERS secular pole, around which the true one moves by
   0.12" (rms) in each coordinate.
 * UT1-UTC before 1962: time signals followed the Earth's rotation. Taken as 0 +- 0.1 s from 1960
-  on; before 1960 there was no UTC, the time is understood as universal time, 0 +- 0.5 s.
+  on; before 1960 there was no UTC, and the time is taken as universal time, 0 +- 0.5 s.
 """
 
 from dataclasses import dataclass
@@ -44,24 +44,24 @@ EARTH_RADIUS = 6378137.0  # m, equatorial (WGS84)
 TURN_RATE = 2.0 * np.pi * 1.00273781191135448 / DAY  # Earth rotation, rad per second of UT1
 
 RATE_WALK = 0.085  # s, growing with years^1.45: measured on C04, see above
-LEAP_SECONDS = 0.52  # s, standard deviation of a value anywhere within +-0.9 s
+LEAP_SECONDS = 0.52  # s, standard deviation of a uniform value within +-0.9 s
 LEAP_SECONDS_END = 64328.0  # MJD of 2035-01-01 (CGPM 2022, resolution 4)
 POLAR_MOTION = 0.12 * ARCSEC  # rms about the secular pole, one coordinate
-POLAR_MOTION_MEMORY = 60.0  # days in which the pole forgets where the table ended
+POLAR_MOTION_MEMORY = 60.0  # days, correlation time of the pole after the end of the table
 # tides within a day are in neither table (IERS Conventions 2010, ch. 5 and 8)
 TIDES_UT1 = 3e-5  # s
 TIDES_POLE = 2e-4 * ARCSEC
 
-FIRST, LAST = -2208988800.0, 4133980800.0  # 1900-01-01, 2101-01-01: where ERFA's Earth is good
+FIRST, LAST = -2208988800.0, 4133980800.0  # 1900-01-01, 2101-01-01: range of ERFA's Earth model
 _MJD_1960 = 36934.0
 
-#: what `EarthOrientation.source` can say, from the best to the worst
+#: values of `EarthOrientation.source`, from the best to the worst
 SOURCES = ('IERS final', 'IERS rapid', 'IERS prediction', 'extrapolated', 'before the IERS table')
 
 
 @dataclass(frozen=True, eq=False)
 class EarthOrientation:
-    """Orientation of the Earth at one time or several; every field has the shape of the time.
+    """Orientation of the Earth at one or several times; every field has the shape of the time.
 
     Parameters
     ----------
@@ -82,11 +82,11 @@ class EarthOrientation:
 
     @property
     def sigma(self):
-        """Standard deviation of a direction on the sky from all of it (at the equator), rad."""
+        """Resulting standard deviation of a direction on the sky (at the equator), rad."""
         return np.hypot(TURN_RATE * np.asarray(self.sigma_dut1), self.sigma_pole)
 
     def statement(self):
-        """One line for people; of several times the most uncertain."""
+        """One line for people; for several times the most uncertain one."""
         worst = np.argmax(np.atleast_1d(self.sigma))
         pick = lambda v: np.atleast_1d(v)[worst]  # noqa: E731
         return (f'UT1-UTC {pick(self.dut1):+.4f} ± {pick(self.sigma_dut1):.4f} s, '
@@ -95,26 +95,26 @@ class EarthOrientation:
 
 
 def check_time(time):
-    """Raise ValueError where a time (UTC, seconds since 1970) is not in 1900-2100."""
-    fine = (time >= FIRST) & (time <= LAST)  # not of NaN
+    """Raise ValueError if a time (UTC, seconds since 1970) is outside 1900-2100."""
+    fine = (time >= FIRST) & (time <= LAST)  # False for NaN
     if not np.all(fine):
         raise ValueError(f'time {np.asarray(time)[~np.asarray(fine)].flat[0]:.6g} s is outside '
                          '1900 to 2100: give UTC in seconds since 1970-01-01')
 
 
 def split_utc(time):
-    """Split a time into the two-part UTC that ERFA takes.
+    """Split a time into the two-part UTC of ERFA.
 
     Parameters
     ----------
     time : float or ndarray
-        UTC, seconds since 1970-01-01 (POSIX: every day has 86 400 of them, so a leap second has
-        the same number as the second after it).
+        UTC, seconds since 1970-01-01 (POSIX: every day has 86 400 of them, so a leap second
+        shares its number with the next second).
 
     Returns
     -------
     utc1, utc2 : float or ndarray
-        Julian date of the day's 0h, and the fraction of that day. On a day with a leap second
+        Julian date of the day at 0h, and the fraction of that day. On a day with a leap second
         the fraction counts 86 401 seconds, ERFA's convention.
 
     Raises
@@ -213,7 +213,7 @@ def extrapolate(mjd, rows):
     level = rows[1] + _seasonal(rows[0])
     rate = (level[-1] - level[0]) / (rows[0, -1] - rows[0, 0])
     ut1_tai = level[-1] + rate * (mjd - rows[0, -1]) - _seasonal(mjd)
-    # the table's end may be a prediction: its error and that of its rate come along
+    # the end of the table may be a prediction: include its error and that of its rate
     sigma = rows[4, -1] * (1.0 + 2.0 * years) + RATE_WALK * years**1.45
     memory = np.exp((rows[0, -1] - mjd) / POLAR_MOTION_MEMORY)
     pole = _secular_pole(mjd) + (rows[2:4, -1:] - _secular_pole(rows[0, -1:])) * memory
@@ -222,7 +222,7 @@ def extrapolate(mjd, rows):
 
 
 def _with_leap_seconds(mjd, dut1, sigma):
-    """Average of the extrapolation and of what the keepers of UTC promise."""
+    """Weighted mean of the extrapolation and of the limit that the definition of UTC sets."""
     after = np.maximum(mjd - LEAP_SECONDS_END, 0.0) / 365.25
     promise = np.hypot(LEAP_SECONDS, RATE_WALK * after**1.45)
     weight = promise**2 / (promise**2 + sigma**2)
@@ -235,14 +235,14 @@ def _interpolate(mjd, rows, kind):
     weights = np.stack(_lagrange(u))
     window = start + np.arange(4)[:, None]
     value = np.einsum('kn,jkn->jn', weights, rows[1:4][:, window])
-    # the sigma and the source of the worse neighbour, not of the whole window
+    # sigma and source of the worse neighbour only, not of the whole window
     near = np.minimum((mjd - rows[0, 0]).astype(int) + np.arange(2)[:, None], rows.shape[1] - 1)
     sigma = rows[4:][:, near].max(axis=1)
     return np.concatenate([value, sigma]), kind[near].max(axis=0)
 
 
 def _lagrange(u):
-    """Weights of rows at 0, 1, 2 and 3."""
+    """Weights of the rows at 0, 1, 2 and 3."""
     return (-(u - 1) * (u - 2) * (u - 3) / 6, u * (u - 2) * (u - 3) / 2,
             -u * (u - 1) * (u - 3) / 2, u * (u - 1) * (u - 2) / 6)
 
@@ -260,7 +260,7 @@ def _seasonal(mjd):
 
 
 def _calendar(time):
-    """MJD of 0h, second of that day, TAI-UTC at 0h, its change over the day, step at its end."""
+    """MJD at 0h, second of that day, TAI-UTC at 0h, its change over the day, step at its end."""
     time = np.asarray(time, float)
     check_time(time)
     learn_leap_seconds()

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Two-line elements of a satellite: read, checked, propagated by SGP4, turned with the Earth.
+"""Two-line elements of a satellite: read, check, propagate by SGP4, rotate with the Earth.
 
-Elements of a GPS satellite are off by 0.2 to 1 km at their epoch, of a low one by a kilometre or
-two, and by more each day, worst along the orbit (T. S. Kelso, AAS 07-127).
+Elements of a GPS satellite are wrong by 0.2 to 1 km at their epoch, those of a low satellite by a
+kilometre or two, growing daily, worst along the orbit (T. S. Kelso, AAS 07-127).
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ GPS_26690 = (
     '2 26690  53.1031 214.8630 0147879 241.2580   4.0622  2.00567355 92659',
 )
 
-#: of elements that SGP4 takes: as is usual, SGP, SGP4, SDP4 (4: SGP4-XP)
+#: types of elements that SGP4 accepts: unspecified, SGP, SGP4, SDP4 (4 would be SGP4-XP)
 TYPES = '0', '1', '2', '3'
 _FIELDS_1 = (('year', 19, 20), ('day', 21, 32), ('drift of the mean motion', 34, 43))
 _FIELDS_2 = (('inclination', 9, 16), ('node', 18, 25), ('eccentricity', 27, 33),
@@ -49,12 +49,12 @@ _SGP4_ERRORS = {
 
 @dataclass(frozen=True)
 class Satellite:
-    """An orbit by two-line elements.
+    """An orbit given by two-line elements.
 
     Attributes
     ----------
     line1, line2 : str
-        The elements, as `parse_elements` has checked them.
+        The elements, checked by `parse_elements`.
     """
 
     line1: str
@@ -66,9 +66,9 @@ class Satellite:
         from sgp4.api import Satrec
         return Satrec.twoline2rv(self.line1, self.line2)
 
-    #: whether its sigma is that of a precise orbit, or expected of elements
+    #: whether its sigma is that of a precise orbit; otherwise it is typical of elements
     precise = False
-    #: of the times that it has: UTC seconds since 1970-01-01
+    #: time range of the orbit: UTC seconds since 1970-01-01
     begin, end = -np.inf, np.inf
 
     @property
@@ -83,7 +83,7 @@ class Satellite:
 
     @property
     def epoch(self):
-        """Of the elements: UTC, seconds since 1970-01-01."""
+        """Epoch of the elements: UTC, seconds since 1970-01-01."""
         record = self.record
         return (record.jdsatepoch - erfa.DJM0 - MJD_1970 + record.jdsatepochF) * DAY
 
@@ -103,7 +103,7 @@ class Satellite:
         Raises
         ------
         ValueError
-            SGP4 cannot go that far from the epoch.
+            The time is too far from the epoch for SGP4.
         """
         time = np.asarray(time, float)
         elapsed = (time - self.epoch + leap_seconds(time) - leap_seconds(self.epoch)) / DAY
@@ -122,17 +122,17 @@ class Satellite:
     def itrf(self, time, rest=0.0, orientation=None):
         """Positions in ITRF.
 
-        The z axis of TEME is the pole of date; GMST (IAU 1982, of UT1) takes it to the Earth, then
-        polar motion (Vallado et al., AIAA 2006-6753, appendix C).
+        The z axis of TEME is the pole of date; GMST (IAU 1982, of UT1) rotates it to the Earth,
+        then polar motion (Vallado et al., AIAA 2006-6753, appendix C).
 
         Parameters
         ----------
         time : float or ndarray
             UTC, seconds since 1970-01-01.
         rest : float or ndarray
-            Seconds after that.
+            Seconds to add to `time`.
         orientation : EarthOrientation, optional
-            From the IERS tables if not given.
+            Taken from the IERS tables by default.
 
         Returns
         -------
@@ -142,7 +142,7 @@ class Satellite:
         Raises
         ------
         ValueError
-            SGP4 cannot go that far from the epoch.
+            The time is too far from the epoch for SGP4.
         """
         time = np.asarray(time, float) + rest
         orientation = orientation or earth_orientation(time)
@@ -152,14 +152,14 @@ class Satellite:
         return np.einsum('...ij,...j->...i', pole, turned(self.state(time)[0], turn))
 
     def sigma(self, time, rest=0.0):
-        """Error of a coordinate to be expected at a time, shape (...), m; worst along the orbit."""
+        """Expected error of a coordinate at a time, shape (...), m; largest along the orbit."""
         turns = self.record.no_kozai * 1440.0 / (2.0 * np.pi)
         first, growth = next(one[1:] for one in ELEMENTS if turns > one[0])
         return first + growth * np.abs(np.asarray(time, float) + rest - self.epoch) / DAY
 
 
 def turned(vectors, angle):
-    """Components, shape (..., 3), in axes turned by `angle` about z."""
+    """Components, shape (..., 3), in axes rotated by `angle` about z."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y, z = np.moveaxis(vectors, -1, 0)
     return np.stack([cos * x + sin * y, cos * y - sin * x, z + 0.0 * angle], axis=-1)
@@ -171,7 +171,7 @@ def parse_sets(lines):
     Parameters
     ----------
     lines : sequence of str
-        Names and empty lines around a pair are passed over.
+        Names and empty lines around a pair are skipped.
 
     Returns
     -------
@@ -180,7 +180,7 @@ def parse_sets(lines):
     Raises
     ------
     ValueError
-        As `parse_elements`.
+        See `parse_elements`.
     """
     lines = [line.rstrip() for line in lines]
     starts = [i for i, line in enumerate(lines) if line.startswith('1 ')]
@@ -200,7 +200,7 @@ def parse_elements(lines):
     Parameters
     ----------
     lines : sequence of str
-        Names and empty lines around the pair are passed over.
+        Names and empty lines around the pair are skipped.
 
     Returns
     -------
@@ -209,8 +209,8 @@ def parse_elements(lines):
     Raises
     ------
     ValueError
-        A line is too short, its checksum is wrong, the pair does not belong together, a number
-        in it is none, or there are several pairs.
+        A line is too short, its checksum is wrong, the lines do not belong together, a number
+        is invalid, or there are several pairs.
     """
     found = parse_sets(lines)
     if len(found) > 1:
@@ -236,7 +236,7 @@ def load_elements(path):
     OSError
         The file cannot be read.
     ValueError
-        As `parse_elements`, with the file's name.
+        See `parse_elements`; the message has the file's name.
     """
     text = Path(path).read_text(encoding='ascii', errors='replace')
     try:
@@ -259,7 +259,7 @@ def _pair(line1, line2, row):
     for line, at, fields in ((line1, row, _FIELDS_1), (line2, row + 1, _FIELDS_2)):
         for what, first, last in fields:
             try:
-                float(line[first - 1 : last])  # the propagator's own reading takes anything
+                float(line[first - 1 : last])  # the propagator accepts anything
             except ValueError:
                 raise ValueError(f'two-line elements: line {at}, columns {first} to {last} '
                                  f'({what}): {line[first - 1 : last]!r} is no number') from None

@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The frame of a site at any time: ERFA's astrom, of which all goes smoothly within two hours.
+"""ERFA's astrom for a site at any time, interpolated within cells of two hours.
 
-It is computed in full at four times of the two hours; a cubic through these is within 0.00002" in
-between. These cells are the same in every process and whatever was asked before, and so is the
-answer.
+It is computed in full at four times of each cell; a cubic through these is accurate to 0.00002".
+The cells do not depend on the process or on earlier calls, so results are reproducible.
 """
 
 from functools import lru_cache
@@ -26,15 +25,15 @@ import numpy as np
 
 from .earth import FIRST, LAST, check_time, earth_orientation, split_utc
 
-#: s; a part of the day, as UTC and the tables of the IERS change their rules at 0h
+#: length of a cell, s; it divides the day, as UTC and the IERS tables change their rules at 0h
 GRID = 7200.0
-#: cells from which times so scattered are computed one by one
+#: with more cells than this, scattered times are computed one by one
 _SCATTERED = 50
 _ASTROM = erfa.dt_eraASTROM
 _FIELDS = _ASTROM.itemsize // 8
-#: of its numbers, the angle that the Earth has turned
+#: index of the Earth rotation angle
 _TURN = _ASTROM.fields['eral'][1] // 8
-#: of the cell, from -1 to 1: the zeros of Chebyshev's polynomial
+#: times within the cell, from -1 to 1: zeros of a Chebyshev polynomial
 _TIMES = np.cos(np.pi * (np.arange(4) + 0.5) / 4.0)
 _CUBIC = np.linalg.inv(np.vander(_TIMES))
 
@@ -51,7 +50,7 @@ def frame(time, site):
     Returns
     -------
     ndarray of erfa.dt_eraASTROM, shape () or (n,)
-        The caller's own.
+        A new array that the caller may change.
 
     Raises
     ------
@@ -83,14 +82,14 @@ def _frames_by_cell(moments, site):
 
 
 def _in_cell(number, time, site):
-    """Numbers of astrom at times of a cell, shape () or (n, 1)."""
+    """Values of astrom at times of a cell, shape () or (n, 1)."""
     third, second, first, middle = _cell(number, site)
     at = time / (0.5 * GRID) - (2 * number + 1)
     return middle + at * (first + at * (second + at * third))
 
 
 def full_frame(time, site):
-    """As `frame`, all of it computed for each time."""
+    """The same as `frame`, but computed in full for each time."""
     earth = earth_orientation(time)
     astrom, _, status = erfa.ufunc.apco13(
         *split_utc(time), earth.dut1, site.longitude, site.latitude, site.height, earth.xp,
@@ -100,9 +99,9 @@ def full_frame(time, site):
     return np.array(astrom)
 
 
-@lru_cache(maxsize=5000)  # a year has 4400
+@lru_cache(maxsize=5000)  # one year has 4400
 def _cell(number, site):
-    """Coefficients of a cubic in the time, from -1 to 1, of each number, shape (4, numbers)."""
+    """Cubic coefficients in the time from -1 to 1, shape (4, numbers of astrom)."""
     times = (number + 0.5 * (1.0 + _TIMES)) * GRID
     full = full_frame(times, site).view(float).reshape(len(times), _FIELDS)
     full[:, _TURN] = np.unwrap(full[:, _TURN])

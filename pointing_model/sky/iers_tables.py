@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""UT1 and the pole as the IERS publishes them, and TAI-UTC: the rows of its tables by day.
+"""IERS tables of UT1 and the pole, by day, and TAI-UTC.
 
-The package astropy-iers-data carries the tables. Both have one line a day of constant width, so the
-line of a day is found by seeking; nothing else of them is read.
+The package astropy-iers-data has the tables. Both have one line of constant width per day, so the
+line of a day is found by its offset; nothing else is read.
 """
 
 from functools import lru_cache
@@ -49,7 +49,7 @@ def fixed_width(lines, first, last):
     Raises
     ------
     ValueError
-        Bytes that are no number.
+        Bytes that are not a number.
     """
     text = np.ascontiguousarray(lines[:, first - 1 : last])
     return text.view(f'S{text.shape[1]}')[:, 0].astype(float)
@@ -63,7 +63,7 @@ def tai_utc(mjd, fraction):
 
 @lru_cache(maxsize=1)
 def learn_leap_seconds():
-    """Tell ERFA of the leap seconds that the IERS data know and it does not."""
+    """Give ERFA the leap seconds in the IERS data that it does not know yet."""
     rows = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments='#')
     table = erfa.leap_seconds.get()
     new = [(int(r[3]), int(r[2]), r[4]) for r in rows
@@ -74,7 +74,7 @@ def learn_leap_seconds():
 
 @lru_cache(maxsize=1)
 def extent():
-    """Bytes before the first line of C04; its last day and the last with a prediction, MJD."""
+    """Bytes before the first line of C04; MJD of its last day and of the last prediction."""
     with open(astropy_iers_data.IERS_B_FILE, 'rb') as file:
         header = 0
         for line in file:
@@ -83,7 +83,7 @@ def extent():
             header += len(line)
         lines = (file.seek(0, 2) - header) // _C04_LINE
     with open(astropy_iers_data.IERS_A_FILE, 'rb') as file:
-        low, high = 0, file.seek(0, 2) // _A_LINE  # Bulletin A's lines end in empty ones
+        low, high = 0, file.seek(0, 2) // _A_LINE  # Bulletin A ends with empty lines
         while high - low > 1:
             middle = (low + high) // 2
             file.seek(middle * _A_LINE)
@@ -93,7 +93,7 @@ def extent():
 
 @lru_cache(maxsize=8)
 def rows_of(first, last):
-    """What the tables say of the days `first` to `last` (MJD), at least four.
+    """Table values for the days `first` to `last` (MJD), at least four.
 
     Returns
     -------

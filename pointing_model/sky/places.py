@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where a star is seen, observed azimuth and elevation by ERFA, and how fast it moves.
+"""Observed azimuth and elevation of stars by ERFA, and their rates.
 
 IAU 2006/2000A precession-nutation, light deflection by the Sun, annual and diurnal aberration,
-parallax, Earth rotation with UT1-UTC and polar motion, refraction. Everything that depends on the
-time alone is kept for two hours (`frame`), then each star costs less than a
-microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.001", are left out.
+parallax, Earth rotation with UT1-UTC and polar motion, refraction. All that depends only on time
+is cached for two hours (`frame`); each star then costs less than a microsecond (``atciq``,
+``atioq``). The celestial pole offsets, below 0.001", are neglected.
 """
 
 from typing import NamedTuple
@@ -32,11 +32,11 @@ from .frame import frame
 from .refraction import DEFAULT_WEATHER, Weather, with_refraction
 from .site import DEFAULT_SITE
 
-#: a turn of the Earth against the stars, rad/s
+#: rotation rate of the Earth relative to the stars, rad/s
 SIDEREAL = 2.0 * np.pi / 86164.0905
-#: part of the stars' rates by which measured ones may differ and be theirs, with noise: those of
-#: satellites at rest over the ground or 20 000 km high differ by all of them, those of an axis that
-#: slips by 10" by 0.6
+#: largest relative difference of measured rates from those of stars that noise explains: satellites
+#: at rest over the ground or 20 000 km high differ by all of the rate, an axis that slips by 10" by
+#: 0.6
 _UNLIKE = 0.8
 
 
@@ -56,13 +56,13 @@ def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     Returns
     -------
     az, el : ndarray, shape (n,)
-        Radians; azimuth from north through east, in [0, 2 pi). ERFA's refraction is good above
+        Radians; azimuth from north through east, in [0, 2 pi). ERFA's refraction is valid above
         some 5 degrees and meaningless below the horizon.
 
     Raises
     ------
     ValueError
-        A time is outside 1900-2100, or the number of times does not fit.
+        A time is outside 1900-2100, or the number of times does not match.
     """
     astrom = _frame(time, site, len(stars))
     return _directions(erfa.ufunc.atciq(*stars.at_j2000, astrom), astrom, weather)[:2]
@@ -76,7 +76,7 @@ def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     ra, dec : float or ndarray
         ICRS, radians.
     time, site, weather
-        As for `observed_place`; `ra`, `dec` and `time` broadcast.
+        See `observed_place`; `ra`, `dec` and `time` broadcast.
 
     Returns
     -------
@@ -94,8 +94,8 @@ class Observed(NamedTuple):
     az, el : float or ndarray
         Azimuth from north through east, in [0, 2 pi), and elevation.
     ha, dec : float or ndarray
-        The same direction about the pole of the site's latitude: hour angle, west positive, in
-        (-pi, pi], and declination.
+        The same direction relative to the pole at the site's latitude: hour angle, west
+        positive, in (-pi, pi], and declination.
     """
 
     az: np.ndarray
@@ -112,7 +112,7 @@ def observed_directions(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHE
     ra, dec : float or ndarray
         ICRS, radians.
     time, site, weather
-        As for `observed_place`; `ra`, `dec` and `time` broadcast.
+        See `observed_place`; `ra`, `dec` and `time` broadcast.
 
     Returns
     -------
@@ -131,13 +131,13 @@ def observed_to_icrs(az, el, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     az, el : float or ndarray
         Observed azimuth and elevation, radians.
     time, site, weather
-        As for `observed_place`; `az`, `el` and `time` broadcast.
+        See `observed_place`; `az`, `el` and `time` broadcast.
 
     Returns
     -------
     ra, dec : float or ndarray
-        ICRS, radians, of an object at infinity; to 0.003" above 15 degrees (ERFA's inverse
-        refraction).
+        ICRS, radians, of an object at infinity; accurate to 0.003" above 15 degrees (ERFA's
+        inverse refraction).
     """
     az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
     astrom = with_refraction(_frame(time, site, None if az.ndim == 0 else az.size), weather)
@@ -157,7 +157,7 @@ def sun_place(time, site=DEFAULT_SITE):
     Returns
     -------
     az, el : float or ndarray, shape (n,)
-        rad. Good to 30": the Earth's place is ERFA's, the parallax is left out.
+        rad. Accurate to 30": the Earth's position is ERFA's, the parallax is neglected.
     """
     earth = erfa.ufunc.epv00(*terrestrial(time))[0]['p']
     ra, dec = erfa.c2s(-earth)
@@ -179,7 +179,7 @@ def sidereal_time(time, site=DEFAULT_SITE):
 
 
 def moment_of(lst, near, site=DEFAULT_SITE):
-    """The moment nearest to another at which a sidereal clock shows a time.
+    """UTC closest to a given time at which a sidereal clock shows `lst`.
 
     Parameters
     ----------
@@ -195,13 +195,13 @@ def moment_of(lst, near, site=DEFAULT_SITE):
         UTC, seconds since 1970-01-01.
     """
     time = np.broadcast_to(np.asarray(near, float), np.shape(lst)).copy()
-    for _ in range(3):  # each leaves what the equation of the equinoxes does in between
+    for _ in range(3):  # each leaves the change of the equation of the equinoxes
         time += wrap(lst - sidereal_time(time, site)) / SIDEREAL
     return time
 
 
 def _frame(time, site, count):
-    """ERFA's astrom for each time; with no refraction."""
+    """ERFA's astrom for each time, without refraction."""
     time = np.asarray(time, float)
     if time.ndim > 1 or (time.ndim == 1 and count not in (None, 1) and time.size != count):
         raise ValueError(f'{time.size} times for {count} stars: give one time, or one for each')
@@ -214,21 +214,21 @@ def _directions(cirs, astrom, weather):
 
 
 def star_rates(directions, tangents, latitude):
-    """Rates of stars on the sky: they turn about the pole, as -(pole x direction).
+    """Rates of stars on the sky, due to rotation about the pole: -(pole x direction).
 
     Parameters
     ----------
     directions : ndarray, shape (3, n)
         East, north, up.
     tangents : sequence of ndarray, shape (3, n)
-        Unit vectors along which both angles grow.
+        Unit vectors of increasing axis angles.
     latitude : float
         rad.
 
     Returns
     -------
     ndarray, shape (2, n)
-        rad/s, that of the first axis times the cosine of the second.
+        rad/s; the first axis is multiplied by the cosine of the second.
     """
     pole = np.array([[0.0], [np.cos(latitude)], [np.sin(latitude)]])
     moves = -SIDEREAL * np.cross(pole, directions, axis=0)
@@ -236,15 +236,15 @@ def star_rates(directions, tangents, latitude):
 
 
 def are_star_rates(x, y, star_x, star_y):
-    """Whether measured rates are those of stars, but for the noise of readings.
+    """Whether measured rates are those of stars, within the noise of readings.
 
-    What they differ by is then no rate at which an error could grow: an axis that sticks and slips
-    has its error in the reading and in the rate.
+    Their difference is then not a rate that drives an error: an axis with stick-slip has its error
+    in both reading and rate.
 
     Parameters
     ----------
     x, y, star_x, star_y : ndarray, shape (n,)
-        rad/s on the sky: measured, and the stars'.
+        rad/s on the sky: measured rates, and rates of the stars.
 
     Returns
     -------

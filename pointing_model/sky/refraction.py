@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The air at a mount, and the refraction that ERFA computes of it: A tan z + B tan^3 z."""
+"""Air at a mount, and ERFA's refraction for it: A tan z + B tan^3 z."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,10 +23,10 @@ import numpy as np
 from .earth import EARTH_RADIUS
 from .site import Quantity
 
-# what ERFA's atioq takes as the least cosine and sine of an elevation
+# least cosine and sine of an elevation in ERFA's atioq
 _LEAST_COS, _LEAST_SIN = 1e-6, 0.05
 _refco_of_numbers = lru_cache(maxsize=256)(erfa.ufunc.refco)
-#: by the names that files and nodes use
+#: quantities by their names in files and nodes
 AIR = {'pressure_hpa': Quantity('pressure_hpa', 'hPa', 1.0, 0.0, 1200.0),
        'temperature_c': Quantity('temperature_c', 'degrees Celsius', 1.0, -90.0, 60.0),
        'humidity': Quantity('humidity', '(a fraction)', 1.0, 0.0, 1.0),
@@ -35,7 +35,7 @@ AIR = {'pressure_hpa': Quantity('pressure_hpa', 'hPa', 1.0, 0.0, 1200.0),
 
 @dataclass(frozen=True)
 class Weather:
-    """Air at the mount, for the refraction; each a number or one for each observation.
+    """Air at the mount, for the refraction; each field is a number or one per observation.
 
     Parameters
     ----------
@@ -66,10 +66,10 @@ class Weather:
 
 DEFAULT_WEATHER = Weather()
 
-#: part by which a pressure differs from that of a standard atmosphere: weather makes 4 % at most,
-#: and 6 % is one reduced to sea level from 500 m; and the least and most pressure at any telescope
+#: relative deviation of a pressure from the standard atmosphere that is implausible: weather causes
+#: at most 4 %; reduction to sea level from 500 m is 6 %; and the pressure range of any telescope
 _UNLIKE, _ANYWHERE = 0.055, (400.0, 1100.0)
-#: hPa of a mm of mercury, which are no pressure in hPa at the height where they are one so
+#: hPa per mm of mercury: a pressure that is plausible in mm is implausible in hPa at that height
 _MERCURY = 1.33322
 
 
@@ -79,7 +79,7 @@ def standard_pressure(height):
 
 
 def air_at(height, given=None):
-    """Air at a height: a standard atmosphere, 10 C, but for what is given.
+    """Air at a height: standard atmosphere and 10 C, except for given values.
 
     Parameters
     ----------
@@ -96,30 +96,30 @@ def air_at(height, given=None):
 
 
 def air_of_rows(height, pressure=None, temperature=None, declared=None, given=None):
-    """Air of each row: its own, else what was given or declared, else a standard atmosphere.
+    """Air of each row: measured in the row, else given or declared, else a standard atmosphere.
 
-    A pressure of a row that is none in hPa (0, or another unit) counts as not measured, as does one
-    that is declared; declared or given, 0 is no refraction.
+    A pressure in a row that is impossible in hPa (0, or another unit) counts as not measured, as
+    does a declared one. A declared or given 0 means no refraction.
 
     Parameters
     ----------
     height : float or None
-        Of the site, metres; None where it is not known: the air is that of sea level.
+        Height of the site, metres; None if unknown: sea level is assumed.
     pressure, temperature : ndarray, shape (n,), optional
-        Of the rows, hPa and degrees Celsius; NaN: not measured.
+        Pressure and temperature of the rows, hPa and degrees Celsius; NaN: not measured.
     declared, given : dict or None
-        Fields of `Weather` that the file has for all rows, and that were given in their place.
+        Fields of `Weather` from the file, valid for all rows, and fields that override them.
 
     Returns
     -------
     weather : Weather
     notes : list of str
-        The first says which air it is.
+        The first names the air that is used.
 
     Raises
     ------
     ValueError
-        A pressure given that is none in hPa; out of range.
+        A given pressure that is impossible in hPa, or a value out of range.
     """
     usual, notes = standard_pressure(height or 0.0), []
     where = 'at sea level; the height is not given' if height is None else (
@@ -170,7 +170,7 @@ def unused_air(first, second):
 
 
 def odd_pressure(pressure, height):
-    """What to say of a pressure (hPa) that weather does not make at a height (m), a list."""
+    """Warnings, a list, about a pressure (hPa) that weather cannot explain at a height (m)."""
     usual = standard_pressure(height)
     if pressure == 0.0 or abs(pressure / usual - 1.0) < _UNLIKE:
         return []
@@ -189,14 +189,14 @@ def _is_other_unit(pressure, height):
 
 
 def refraction_constants(weather):
-    """A and B of A tan z + B tan^3 z, rad, for each observation where the weather is."""
+    """A and B of A tan z + B tan^3 z, rad; per observation if the weather is."""
     air = (weather.pressure_hpa, weather.temperature_c, weather.humidity, weather.wavelength_um)
     one = all(isinstance(value, (float, int)) for value in air)
     return (_refco_of_numbers if one else erfa.ufunc.refco)(*air)
 
 
 def with_refraction(astrom, weather):
-    """ERFA's astrom with the refraction; `astrom` itself where its shape is that of the weather."""
+    """ERFA's astrom with refraction, set in place unless the weather has more dimensions."""
     refa, refb = refraction_constants(weather)
     if np.ndim(refa) > astrom.ndim:
         astrom = np.broadcast_to(astrom, np.shape(refa)).copy()
@@ -205,10 +205,10 @@ def with_refraction(astrom, weather):
 
 
 def refracted_elevation(el, weather, distance=np.inf, radius=EARTH_RADIUS):
-    """Elevation with refraction, less what a finite distance takes away (parallactic refraction).
+    """Elevation with refraction, corrected for a finite distance (parallactic refraction).
 
-    The ray of a star passes n0 r0 sin z0 from the Earth's centre, so beyond the air it runs beside
-    the straight line to the observer; for a GPS satellite that makes 0.15" at 20 degrees of
+    The ray of a star passes n0 r0 sin z0 from the Earth's centre. Beyond the air it is parallel to
+    the straight line to the observer, but offset: for a GPS satellite 0.15" at 20 degrees of
     elevation (G. H. Kaplan, Atmospheric refraction of light from nearby objects in space, 2014).
 
     Parameters
@@ -217,14 +217,14 @@ def refracted_elevation(el, weather, distance=np.inf, radius=EARTH_RADIUS):
         Elevation without air, radians.
     weather : Weather
     distance : float or ndarray
-        To the object, metres; infinite for a star.
+        Distance of the object, metres; infinite for a star.
     radius : float
-        From the Earth's centre to the observer, metres.
+        Distance of the observer from the Earth's centre, metres.
 
     Returns
     -------
     float or ndarray
-        Radians; for a star the same as `sky.observed_place`.
+        Radians; for a star equal to `sky.observed_place`.
     """
     refa, refb = refraction_constants(weather)
     bent = _bent(el, refa, refb)
@@ -237,7 +237,7 @@ def refracted_elevation(el, weather, distance=np.inf, radius=EARTH_RADIUS):
 
 
 def _bent(el, refa, refb):
-    """Refraction as ERFA's atioq has it: one Newton step from the place without air."""
+    """Refraction as in ERFA's atioq: one Newton step from the place without air."""
     cos = np.maximum(np.cos(el), _LEAST_COS)
     sin = np.maximum(np.sin(el), _LEAST_SIN)
     tan = cos / sin

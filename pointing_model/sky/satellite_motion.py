@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How a satellite's observed place changes: with the clock, and with errors of its orbit."""
+"""Derivatives of a satellite's observed place with respect to time and orbit errors."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -29,14 +29,14 @@ from .refraction import DEFAULT_WEATHER
 from .satellite_place import horizon_axes, satellite_place
 from .site import DEFAULT_SITE
 
-#: s, to either side: the third derivative of a low satellite's place makes 0.01" in it
+#: s, to either side: the third derivative of a low satellite's place causes 0.01" in it
 _STEP = 0.25
-#: of what a site has, m and rad: differences that are no rounding
+#: steps of site coordinates, m and rad: differences well above rounding
 _SITE_STEPS = {'height': 100.0, 'latitude': 1e-5, 'longitude': 1e-5}
 
 
 class SatelliteMotion(NamedTuple):
-    """Observed places by the axes of a mount, and what moves them there; n times.
+    """Observed places in the axes of a mount, and their derivatives; n times.
 
     Attributes
     ----------
@@ -45,16 +45,16 @@ class SatelliteMotion(NamedTuple):
     distance : ndarray, shape (n,)
         m.
     speed : ndarray, shape (n,)
-        Along the orbit, not turning with the Earth, m/s.
+        Speed along the orbit in inertial space, m/s.
     clock : ndarray, shape (2, n)
-        On the sky, rad for a second that the time stamps are later: x and y.
+        On the sky, rad per second of later time stamps: x and y.
     ahead : ndarray, shape (2, n)
-        The same for a second that the satellite is ahead on its orbit.
+        The same per second that the satellite is ahead on its orbit.
     across, out : ndarray, shape (2, n)
-        The same for a metre to the left of the orbit's plane, and away from the Earth.
+        The same per metre to the left of the orbital plane, and away from the Earth.
     common : dict of str to ndarray, shape (2, n)
-        The same for what all satellites share: ``height`` (a metre that the site is higher),
-        ``latitude``, ``longitude`` (a radian more), ``refraction`` (that of ordinary air more).
+        The same for errors common to all satellites: ``height`` (per metre of a higher site),
+        ``latitude``, ``longitude`` (per radian), ``refraction`` (standard refraction added once).
     """
 
     az: np.ndarray
@@ -69,7 +69,7 @@ class SatelliteMotion(NamedTuple):
 
 
 def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mount=ALTAZ):
-    """Places of a satellite and their derivatives.
+    """Observed places of a satellite and their derivatives.
 
     Parameters
     ----------
@@ -87,14 +87,14 @@ def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     Raises
     ------
     ValueError
-        A time that the orbit does not have.
+        The orbit does not cover a time.
     """
     time = np.atleast_1d(np.asarray(time, float))
     az, el, distance = satellite_place(orbit, time, site, weather)
     here = mount.axes_of(az, el)
 
     def moved(other):
-        """On the sky, from the place to another of the horizon."""
+        """Offset on the sky from the place to another one on the horizon."""
         first, second = mount.axes_of(*other)
         return np.stack((wrap(first - here[0]) * np.cos(here[1]), wrap(second - here[1])))
 
@@ -113,12 +113,12 @@ def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     def by_metre(direction):
         enu = horizon_axes(site) @ (direction / np.linalg.norm(direction, axis=1)[:, None]).T
         x, y = (np.sum(one * enu, axis=0) / distance for one in east_up)
-        metre = 100.0  # a difference that is no rounding
+        metre = 100.0  # a difference well above rounding
         return moved((az + metre * x / np.cos(el), el + metre * y)) / metre
 
     def of_site(name, step):
         value = getattr(site, name)
-        step = -np.copysign(step, value)  # within what a site may have
+        step = -np.copysign(step, value)  # toward zero, so it stays a valid site
         there = replace(site, **{name: value + step})
         return moved(satellite_place(orbit, time, there, weather)[:2]) / step
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""When a satellite can be tracked: its passes over a site."""
+"""Passes of a satellite over a site during which it can be tracked."""
 
 from dataclasses import dataclass
 
@@ -32,7 +32,7 @@ class Pass:
     Attributes
     ----------
     start, end, top : float
-        UTC, seconds since 1970-01-01: of its first and last moment, and of its highest.
+        Begin, end and culmination: UTC, seconds since 1970-01-01.
     top_el : float
         Radians.
     """
@@ -53,24 +53,24 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
     start : float
         UTC, seconds since 1970-01-01.
     hours : float
-        As far as the orbit goes.
+        Length of the search; it stops where the orbit ends.
     site : Site
     min_el : float
         Observed elevation (ordinary air), radians.
     dark : bool
-        Only while the Sun is 12 degrees below the horizon and shines on the satellite.
+        Only while the Sun is 12 degrees below the horizon and illuminates the satellite.
     step : float
-        Seconds; what the Sun or the shadow leave of a pass may be missed where that is shorter.
+        Seconds. Parts of a pass between sunlight and shadow that are shorter may be missed.
 
     Returns
     -------
     list of Pass
-        Start and end to a millisecond; cut where the hours begin and end.
+        Begin and end to a millisecond; cut at the ends of the search.
 
     Raises
     ------
     ValueError
-        `hours` or `step` is not positive, or as `satellite_place`.
+        `hours` or `step` is not positive; or see `satellite_place`.
     """
     if not (hours > 0.0 and step > 0.0):
         raise ValueError(f'hours {hours:g} and step {step:g} of a search for passes must be > 0')
@@ -86,7 +86,7 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
         return up
 
     end = min(start + 3600.0 * hours, satellite.end)
-    start = max(start, satellite.begin + 1.0)  # light that is seen then left within the second
+    start = max(start, satellite.begin + 1.0)  # margin for the light time
     if start >= end:
         return []
     time = np.append(np.arange(start, end, step), end)
@@ -105,7 +105,7 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
     out = []
     for first, last in zip(edges[::2], edges[1::2]):
         grid = np.linspace(first, last, 101)
-        for _ in range(3):  # the top: 100 steps, then 50 within two of them, twice
+        for _ in range(3):  # culmination: 100 steps, then 50 within two of them, twice
             el = elevation(grid)
             i = int(np.argmax(el))
             top, top_el = grid[i], el[i]
@@ -115,12 +115,12 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
 
 
 def _tops(elevation, time, el, low):
-    """Times and elevations of culminations above `low` between times that are all below it."""
+    """Times and elevations of culminations above `low` between grid times that are below it."""
     beside = np.pad(el, 1, constant_values=-np.inf)
     i = np.flatnonzero((el >= beside[:-2]) & (el >= beside[2:]) & (el < low))
     first, last = time[np.maximum(i - 1, 0)], time[np.minimum(i + 1, len(time) - 1)]
     top, top_el = time[i], el[i]
-    for _ in range(3 if i.size else 0):  # of 60 s to 0.01 s
+    for _ in range(3 if i.size else 0):  # from 60 s to 0.01 s
         grid = np.linspace(first, last, 21)
         found = elevation(grid.ravel()).reshape(grid.shape)
         best, row = found.argmax(axis=0), np.arange(i.size)

@@ -12,22 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where a satellite is seen: from its orbit to observed azimuth and elevation.
+"""Observed place of a satellite: from its orbit to azimuth and elevation.
 
-The steps, and what they rest on:
+Steps, with their basis:
 
 * An orbit (elements, or a precise one: `orbits`) gives positions in ITRF.
 * Light time is solved in the geocentric inertial frame: the satellite at t - tau, the observer
-  at t, the Earth turned in between. An observer at rest in that frame would see exactly this
-  direction; the one on the ground moves with the Earth's rotation, which adds the diurnal
-  aberration (0.26" at latitude 34). No annual aberration: from the solar system's barycentre the
-  satellite, which shares the Earth's 30 km/s, is displaced by 20.5" during the light time, and
-  aberration displaces it back by as much (planetary aberration: Urban & Seidelmann, Explanatory
-  Supplement, 3rd ed., ch. 7; the tests go that way, with Skyfield, and arrive within 0.001"). A
-  star keeps its aberration.
+  at t, the Earth rotated in between. An observer at rest in that frame would see exactly this
+  direction. The observer on the ground moves with the Earth's rotation, which adds the diurnal
+  aberration (0.26" at latitude 34). There is no annual aberration: seen from the solar system's
+  barycentre the satellite shares the Earth's 30 km/s and is displaced by 20.5" during the light
+  time; aberration displaces it back by as much (planetary aberration: Urban & Seidelmann,
+  Explanatory Supplement, 3rd ed., ch. 7; the tests do it that way, with Skyfield, and agree to
+  0.001"). A star keeps its aberration.
 * Refraction and parallactic refraction: `refraction.refracted_elevation`.
 
-What is done with an orbit here is good to 0.001"; how good the orbit is, its `sigma` says.
+These steps are accurate to 0.001"; the accuracy of the orbit is its `sigma`.
 """
 
 from dataclasses import dataclass
@@ -43,14 +43,14 @@ from .site import DEFAULT_SITE
 
 @dataclass(frozen=True)
 class Corrections:
-    """What is taken into account on the way from the orbit to the observed place.
+    """Corrections on the way from the orbit to the observed place.
 
     Attributes
     ----------
     light_time, diurnal_aberration, refraction, parallactic_refraction : bool
-        On by default, off to see what leaving one out does.
+        On by default; off to see the effect of omitting one.
     annual_aberration : bool
-        Off by default, for it is wrong for a satellite of the Earth.
+        Off by default, since it is wrong for a satellite of the Earth.
     """
 
     light_time: bool = True
@@ -73,24 +73,24 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
     weather : Weather
         ``pressure_hpa=0`` for the direction without refraction.
     orientation : EarthOrientation, optional
-        Of the shape of `time`, for elements; from the IERS tables if not given.
+        With the shape of `time`, for elements; taken from the IERS tables by default.
     corrections : Corrections, optional
     time_bias : float
-        Seconds by which the satellite is ahead on its orbit of what that says.
+        Seconds by which the satellite is ahead of its orbit.
     rest : float or ndarray
-        Seconds after `time`, apart so that no digit is lost.
+        Seconds to add to `time`, separate to keep all digits.
 
     Returns
     -------
     az, el : float or ndarray
         Radians; azimuth from north through east, in [0, 2 pi).
     distance : float or ndarray
-        Metres, at the time when the light left.
+        Metres, at the time when the light was emitted.
 
     Raises
     ------
     ValueError
-        A time is outside 1900-2100, or the orbit does not have it.
+        A time is outside 1900-2100, or not covered by the orbit.
     """
     corrections = corrections or Corrections()
     time = np.asarray(time, float)
@@ -98,7 +98,7 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
     ground = _site_vector(site)
 
     def seen_from_here(late):
-        """Where it was `late` seconds ago, in the axes of the Earth now."""
+        """Position `late` seconds ago, in the present axes of the Earth."""
         place = satellite.itrf(time, rest + time_bias - late, **given)
         return turned(place, TURN_RATE * (late - time_bias)) - ground
 
@@ -106,7 +106,7 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
     if corrections.light_time:
         delay = _length(path) / erfa.CMPS
         first, path = path, seen_from_here(delay)
-        # the microsecond by which that is not yet the delay is a few millimetres
+        # the remaining error of the delay, a microsecond, is a few millimetres
         late = (_length(path) / erfa.CMPS - delay) / delay
         path = path + late[..., None] * (path - first)
     distance = _length(path)
@@ -125,7 +125,7 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
 
 
 def in_sunlight(satellite, time):
-    """Whether the Sun shines on the satellite.
+    """Whether the satellite is in sunlight.
 
     Parameters
     ----------
@@ -136,8 +136,8 @@ def in_sunlight(satellite, time):
     Returns
     -------
     bool or ndarray of bool
-        False in a cylindrical shadow of the Earth's equatorial radius: a GPS satellite spends a
-        few minutes more or less in the true one.
+        False in a cylindrical shadow with the Earth's equatorial radius: for a GPS satellite the
+        true shadow lasts a few minutes more or less.
     """
     time = np.asarray(time, float)
     sun = _sun_and_motion(time)[0]
@@ -171,16 +171,16 @@ def horizon_axes(site):
 
 
 def _sun_and_motion(time):
-    """In the Earth's axes of date: direction to the Sun, and the Earth's velocity (m/s).
+    """Direction to the Sun, and the Earth's velocity (m/s), in the Earth's axes of date.
 
-    From the CIO (ERA), where the satellite's axes are from the equinox of 1982's GMST: after the
-    turn both are the Earth's.
+    This uses the CIO (ERA), while the satellite's axes use the equinox of 1982's GMST: after the
+    rotation both are the Earth's axes.
     """
     utc = split_utc(time)
     tt = terrestrial(time)
     ut1 = erfa.ufunc.utcut1(*utc, earth_orientation(time).dut1)[:2]
     heliocentric, barycentric, _ = erfa.ufunc.epv00(*tt)
-    # precession and nutation once an hour, in which they change by 0.01"
+    # precession and nutation once an hour; they change by 0.01" in this time
     hours, which = np.unique(np.floor(24.0 * (tt[0] - erfa.DJM0 + tt[1])), return_inverse=True)
     matrix = erfa.ufunc.c2i00b(erfa.DJM0, (hours + 0.5) / 24.0)[which.reshape(time.shape)]
     turn = erfa.ufunc.era00(*ut1)

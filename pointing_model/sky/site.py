@@ -23,18 +23,18 @@ from msg_tools.units import DEG, wrap
 
 
 class Quantity(NamedTuple):
-    """A number of a site, or of its air, as files and parameters give it.
+    """A number that describes a site or its air, as in files and parameters.
 
     Attributes
     ----------
     field : str
-        Of `Site` or `refraction.Weather`.
+        Name in `Site` or `refraction.Weather`.
     unit : str
-        In words.
+        Name of the unit.
     size : float
-        Of the unit, in that of the field.
+        Size of the unit, in that of the field.
     low, high : float
-        Least and most, in the unit.
+        Allowed range, in the unit.
     """
 
     field: str
@@ -44,7 +44,7 @@ class Quantity(NamedTuple):
     high: float
 
     def check(self, holder):
-        """Refuse a value that is out of range: a ValueError with the first such value."""
+        """Raise a ValueError that names the first value out of range."""
         value = np.asarray(getattr(holder, self.field), float) / self.size
         bad = ~((value >= self.low) & (value <= self.high))
         if np.any(bad):
@@ -52,7 +52,7 @@ class Quantity(NamedTuple):
                              f'{self.low:g} to {self.high:g} {self.unit}')
 
 
-#: by the names that files and nodes use
+#: quantities by their names in files and nodes
 SITE = {'latitude_deg': Quantity('latitude', 'degrees', DEG, -90.0, 90.0),
         'longitude_deg': Quantity('longitude', 'degrees', DEG, -180.0, 360.0),
         'height_m': Quantity('height', 'm', 1.0, -500.0, 10000.0)}
@@ -90,7 +90,7 @@ def site_contradictions(given, declared):
 
 @dataclass(frozen=True)
 class Site:
-    """Where the mount stands.
+    """Location of the mount.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ KIND_OF_MOUNT = Param(
     'mount', 'altaz', f'kind of mount: {kinds_text()}; where the first axis points [deg]',
     check=lambda text: parse_mount(text, 0.0), fixed=True)
 
-#: what each is, for who sets it
+#: meaning of each, for users
 _MEANING = {
     'latitude_deg': 'geodetic latitude of the site [deg]',
     'longitude_deg': 'longitude of the site, east positive [deg]',

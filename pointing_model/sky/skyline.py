@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The skyline about a mount: the lowest elevation at each azimuth, from its corners."""
+"""The skyline around a mount: the lowest allowed elevation at each azimuth, from its corners."""
 
 import re
 from bisect import bisect_left, bisect_right
@@ -22,33 +22,33 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 
 _TURN = 2.0 * np.pi
-#: azimuths that differ by less are one; a wall counts so far beside itself, rad
+#: azimuths that differ by less are equal; a wall extends this far to each side, rad
 ONE, BESIDE = 1e-8, 1e-9
-#: azimuths that fall, as written, by less than a quarter of a turn do not rise through north, rad
+#: azimuths that fall by less than a quarter of a turn are not taken as rising through north, rad
 WIDE = 270.0 * DEG - ONE
 
 
 class Horizon:
-    """The lowest elevation at each azimuth.
+    """The lowest allowed elevation at each azimuth.
 
     Parameters
     ----------
     least : float
-        Everywhere, rad.
+        Minimum everywhere, rad.
     points : sequence of (float, float)
-        Azimuth and elevation of the corners of a higher skyline, rad, in one direction around the
-        horizon from any azimuth on; straight between them, and from the last to the first. Corners
-        at one azimuth are a wall, on which the highest of them counts.
+        Azimuth and elevation of the corners of a higher skyline, rad, in one direction around
+        the horizon, starting anywhere; straight lines between them, also from the last to the
+        first. Corners at the same azimuth are a wall, where the highest counts.
 
     Attributes
     ----------
     top : float
-        The highest of it, rad.
+        Its highest elevation, rad.
 
     Raises
     ------
     ValueError
-        The corners go back and forth in azimuth, or more than once around.
+        The corners change direction in azimuth, or go more than once around.
     """
 
     def __init__(self, least, points=()):
@@ -62,7 +62,7 @@ class Horizon:
         az, el = np.mod(az, _TURN)[order], el[order]
         self._az = np.concatenate([[az[-1] - _TURN], az, [az[0] + _TURN]])
         self._el = np.concatenate([[el[-1]], el, [el[0]]])
-        # of two turns, maxima of 1, 2, 4 ... corners from each one on
+        # over two turns: maxima of 1, 2, 4 ... corners, starting at each one
         self._corners = np.concatenate([az, az + _TURN])
         self._corner_list = self._corners.tolist()
         rows = [np.tile(el, 2)]
@@ -77,11 +77,11 @@ class Horizon:
         return np.maximum(np.interp(np.mod(az, _TURN), self._az, self._el), self.least)
 
     def over(self, az):
-        """As `at`, of one azimuth: a float."""
+        """The same as `at` for one azimuth: a float."""
         return self.least if self.flat else float(self.at(az))
 
     def highest(self, az, half):
-        """The largest `at` within `half` of azimuths; both of shape (n,), rad."""
+        """The maximum of `at` within `half` of azimuths; both of shape (n,), rad."""
         if self.flat:
             return self.least
         half = np.minimum(half, np.pi)
@@ -97,7 +97,7 @@ class Horizon:
         return np.where(count > 0, np.maximum(top, between), top)
 
     def highest_between(self, first, last):
-        """The largest `at` between two azimuths, floats, rad."""
+        """The maximum of `at` between two azimuths, floats, rad."""
         if self.flat or last - first >= _TURN:
             return self.top
         begin = first % _TURN
@@ -112,22 +112,22 @@ class Horizon:
 
 
 def unwrapped(points):
-    """Corners of a skyline with azimuths that never go back.
+    """Corners of a skyline with azimuths that never decrease.
 
     Parameters
     ----------
     points : sequence of (float, float)
-        Azimuth and elevation of each, rad, as they were given.
+        Azimuth and elevation of each, rad, as given.
 
     Returns
     -------
     ndarray, shape (n, 2)
-        Azimuths rise from the first on, within one turn.
+        Azimuths increase from the first one, within one turn.
 
     Raises
     ------
     ValueError
-        No direction around the horizon has them one after the other.
+        The corners are not in order in either direction around the horizon.
     """
     points = np.array(points, float)
     steps = np.diff(points[:, 0])
@@ -139,7 +139,7 @@ def unwrapped(points):
         back = points[::-1]
         ways = [way for way in (_along(points), back if falling else _along(back))
                 if way is not None]
-    # of two azimuths alone either way leads on: the one with the shorter steps is meant
+    # two azimuths alone are in order both ways: take the one with the shorter steps
     longest = [np.diff(way[:, 0]).max(initial=0.0) for way in ways]
     if ways and not (len(ways) == 2 and np.ptp(longest) < ONE < longest[0] - np.pi):
         return ways[int(np.argmin(longest))]
@@ -151,7 +151,7 @@ def unwrapped(points):
 
 
 def _along(points):
-    """Corners with azimuths that rise, None where that takes more than one turn."""
+    """Corners with increasing azimuths; None if that takes more than one turn."""
     steps = np.diff(points[:, 0])
     onward = np.mod(steps, _TURN)
     onward[(onward < ONE) | (onward > _TURN - ONE)] = 0.0
@@ -161,12 +161,12 @@ def _along(points):
 
 
 def _with_walls(points):
-    """Azimuths, strictly rising, and elevations of a skyline; walls are steep ramps outside."""
+    """Strictly increasing azimuths, and elevations, of a skyline; walls become steep ramps."""
     az, el = [], []
     turns = np.flatnonzero(np.diff(points[:, 0]) >= ONE) + 1
     groups = np.split(points, turns)
     if len(groups) > 1 and groups[-1][0, 0] - groups[0][0, 0] > _TURN - ONE:
-        last = groups.pop()  # it closes where it begins
+        last = groups.pop()  # it closes at its first azimuth
         groups[0] = np.concatenate([last - [_TURN, 0.0], groups[0]])
     for group in groups:
         at, heights = group[0, 0], group[:, 1]
@@ -181,13 +181,13 @@ def _with_walls(points):
 
 
 def parse_horizon(text):
-    """Corners of a skyline.
+    """Parse the corners of a skyline.
 
     Parameters
     ----------
     text : str
-        ``0 12, 45 20.5, 180 8``: azimuth and elevation of each corner, deg; or a file with a
-        corner on each line. Empty: none.
+        ``0 12, 45 20.5, 180 8``: azimuth and elevation of each corner, deg; or a file with one
+        corner per line. Empty: no corners.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def parse_horizon(text):
     Raises
     ------
     ValueError, OSError
-        One line: what is wrong.
+        One line that says what is wrong.
     """
     text = text.strip()
     if not text:

