@@ -44,7 +44,7 @@ from pointing_model.zero_drift import KEY
 
 from .commands.options import check_mount, given_air, given_site
 
-#: columns of such a table
+#: columns of a table of places of the sky
 SKY = ('ra_deg', 'dec_deg')
 
 
@@ -140,7 +140,7 @@ def apply_to_table(model, args):
 
 
 def _take_declared(args, declared, mount):
-    """Take the site of a table's comments where no option gives it; refuse that of another mount.
+    """Use the site in a table's comments unless an option gives it; refuse that of another mount.
 
     Returns notes. The keys of `declared`: see `declarations`.
     """
@@ -154,7 +154,7 @@ def _take_declared(args, declared, mount):
 
 
 def _table(file):
-    """The cells, and what comments above them declare."""
+    """The cells of the table, and declarations in the comments above them."""
     if file == '-':
         name = 'standard input'
         if sys.stdin.isatty():
@@ -310,7 +310,7 @@ def check_sky(table, ra, dec, cells):
 
 
 def observed(model, ra, dec, columns, cells, used, args, declared, notes):
-    """The angles that a perfect mount of this kind reads there.
+    """Angles that a perfect mount of this kind reads at places of the sky.
 
     Parameters
     ----------
@@ -324,9 +324,9 @@ def observed(model, ra, dec, columns, cells, used, args, declared, notes):
     used : ndarray of bool, shape (n,)
         Rows that are not excluded.
     args : argparse.Namespace
-        Of the command: site, air, equinox.
+        Arguments of the command: site, air, equinox.
     declared : dict
-        What the table's comments say of the frame and the air.
+        Frame and air from the table's comments.
     notes : list of str
         New notes are appended.
 
