@@ -287,6 +287,7 @@ class Calibration(MountNode):
         site = site_of(self.value('site'))
         try:
             self._refuse_beside_another()
+            declared_graduation(self.value('graduation'), state.mount.names)  # of its own axes
             self._publish_status('diagnosing')
             found = await self._long.run('diagnosing', partial(
                 state.find_effects, self.value('alpha'), site, until))

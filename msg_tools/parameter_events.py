@@ -14,6 +14,7 @@
 
 """A node with declared parameters: range and unit, validated without side effects, then applied."""
 
+import sys
 from difflib import get_close_matches
 
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, SetParametersResult
@@ -21,6 +22,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from .parameter_sections import check_files
 from .params import SITE_PARAMETERS, BadInput
 
 #: rclpy declares it for every node, and does not say what it is
@@ -52,6 +54,10 @@ class ParameterNode(Node):
         given = [Parameter(key, value=value) for key, value in (overrides or {}).items()]
         super().__init__(name, context=context, namespace=namespace, parameter_overrides=given,
                          start_parameter_services=True, enable_rosout=True)
+        try:
+            check_files(self.get_fully_qualified_name(), sys.argv)
+        except ValueError as err:
+            raise BadInput(str(err)) from None
         if self.has_parameter(USE_SIM_TIME.name):
             self.set_descriptor(USE_SIM_TIME.name, USE_SIM_TIME)
         self._params = {}

@@ -28,6 +28,7 @@ from msg_tools.bag.topic_names import prefix_of
 from msg_tools.convert import from_stamp
 from msg_tools.status_rows import Taken
 from msg_tools.whole_files import write_text
+from pointing_model.effects.base import AXES
 
 from . import domain
 from .graph import replay_graph
@@ -87,13 +88,14 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     # parameters of the calibration with which it fitted and diagnosed
     as_then = _harmonics(bag, prefix) if harmonics is None else harmonics
     if diagnosed:
+        lines_of = diagnosed.get('graduation') or {}
         as_then |= {'alpha': diagnosed.get('alpha', ALPHA),
                    'site': ', '.join(map(repr, diagnosed.get('site_deg') or ())),
                    'diagnosed_at': diagnosed.get('last_stamp_ns', 0),
                    'graduation': ', '.join(
-                       f'{axis}.{kind}={lines}'
-                       for axis, kinds in (diagnosed.get('graduation') or {}).items()
-                       for kind, lines in kinds.items())}
+                       f'{column}.{kind}={lines}' for column, axis in zip(
+                           next(_runs(bag, observation)).mount.names.columns, AXES)
+                       for kind, lines in lines_of.get(axis, {}).items())}
     as_then['kept_power_ons'] = (parameters_of(bag.metadata, f'{prefix}calibration') or {}).get(
         'kept_power_ons', 0)
     played = [name for name in (observation, f'{prefix}{topics.HOMING.name}') if counts[name]]
@@ -162,10 +164,14 @@ def _newer(bag, topic):
 
 def _has_exposures(bag, topic):
     """Whether a zero can be set: one may come with the model of a run without exposures for it."""
-    from pointing_model.runs.run_messages import cloud_to_run
     from pointing_model.zero import is_for_zero
-    runs = (cloud_to_run(message.data) for message in bag.messages([topic], decode=True))
-    return any('star' in run and is_for_zero(run).any() for run in runs)
+    return any('star' in run and is_for_zero(run).any() for run in _runs(bag, topic))
+
+
+def _runs(bag, topic):
+    """Of each observation."""
+    from pointing_model.runs.run_messages import cloud_to_run
+    return (cloud_to_run(message.data) for message in bag.messages([topic], decode=True))
 
 
 def _harmonics(bag, prefix):

@@ -14,86 +14,19 @@
 
 """A ROS parameter file of the user's: of which nodes it is, and where it places them.
 
-ROS ignores a section that matches no node. Names match as in `rclcpp::parameter_map_from`. Of
-sections that match, the last holds, by where each name stands first in all files.
+Of sections that match, the last holds, by where each name stands first in all files.
 """
 
-import re
 from difflib import get_close_matches
-from pathlib import Path
-
-import yaml
 
 from msg_tools import NAMESPACE
+from msg_tools.parameter_sections import ALIKE, is_of, sections
 
 from .graph import NODES, WITH_BUILT_TYPES, simulated_site
 
-PARAMETERS = 'ros__parameters'
-EXAMPLE = 'config/site.yaml is one to copy'
 #: nodes that move a mount; in a graph without one there are drivers, whose names nobody knows
 MOUNTS = ('mount_simulator', 'indi_mount', 'alpaca_mount')
-#: a name so like that of a node is misspelt, and no driver's
-ALIKE = 0.85
 GUARD, OBSERVER = 'mount_guard', 'star_observer'
-
-
-class _Pairs(list):
-    """Keys and values, also of keys that stand twice."""
-
-
-class _Loader(yaml.SafeLoader):
-    """Makes `_Pairs` of mappings: of a section that stands twice both hold."""
-
-
-_Loader.add_constructor('tag:yaml.org,2002:map', lambda loader, node: _Pairs(
-    (loader.construct_object(key, True), loader.construct_object(value, True))
-    for key, value in node.value))
-
-
-def sections(path):
-    """Parameters by the name of their section.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    dict of str to dict
-
-    Raises
-    ------
-    ValueError
-        It is no parameter file.
-    """
-    try:
-        document = yaml.load(Path(path).read_text(encoding='utf-8'), _Loader)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f'{path} is no YAML ({" ".join(str(error).split())[:100]}); '
-                         f'{EXAMPLE}') from None
-    if not isinstance(document, _Pairs | None):
-        raise ValueError(f'{path} holds no parameters; {EXAMPLE}')
-    found = {}
-    _gather(path, document or (), '', found)
-    return found
-
-
-def _gather(path, pairs, space, found):
-    for key, value in pairs:
-        name = f'{space.rstrip("/")}/{key}' if space else str(key)
-        if not isinstance(value, _Pairs):
-            raise ValueError(f'{path}: {name} is empty, or not below {PARAMETERS} of a node; '
-                             f'{EXAMPLE}')
-        if key == PARAMETERS:
-            found.setdefault(space, {}).update(value)
-        else:
-            _gather(path, value, name, found)
-
-
-def _is_of(section, node):
-    """Whether a section is of a node, by its full name."""
-    pattern = '/' + section.removeprefix('/')
-    return re.fullmatch(pattern.replace('/*', r'(/\w+)'), node) is not None
 
 
 def values_of(node, parameters, found):
@@ -115,7 +48,7 @@ def values_of(node, parameters, found):
     merged = {node: dict(parameters)}
     for section, more in found.items():
         merged.setdefault(section, {}).update(more)
-    return {name: value for section, values in merged.items() if _is_of(section, node)
+    return {name: value for section, values in merged.items() if is_of(section, node)
             for name, value in values.items()}
 
 
@@ -155,11 +88,11 @@ def check(specs, path=None, drivers=(), namespace=NAMESPACE):
 def _note(path, section, names, driven, namespace):
     """'' for a section of a node of this project; ValueError for one that nobody can read."""
     known = list(dict.fromkeys([*names, *NODES, *WITH_BUILT_TYPES]))
-    if any(_is_of(section, f'{namespace}/{name}') for name in known):
+    if any(is_of(section, f'{namespace}/{name}') for name in known):
         return ''
     name = section.rpartition('/')[2]
     alike = get_close_matches(name, names, 1, ALIKE)
-    if driven and not alike and _is_of(section, f'{namespace}/{name}'):
+    if driven and not alike and is_of(section, f'{namespace}/{name}'):
         return f'{path}: section {section} is of no node here; a driver of that name may read it'
     alike = [name] if name in known else alike or get_close_matches(name, known, 1)
     hint = f'write /**/{alike[0]}. ' if alike else ''

@@ -51,6 +51,8 @@ NO_STAR, NEAR, LEAD = 2.0 * ARCSEC, 0.5 * DEG, 1.0
 RENEWED, MADE_UP = 0.2, 1.0
 #: a track at rest that is over so soon is a stop, s
 STOP = 0.25
+#: s in which a mount comes to rest after the order to stop
+GOES_ON = 10.0
 #: s after a stop in which one that still moves is stopped again, at once where it says that it has
 #: taken up a track since, and in which it stands for sure; longest time that is waited for that at
 #: the end
@@ -110,7 +112,7 @@ class GotoMount:
         self._sent, self._newest, self._beside = 0.0, 0, ''
         self._there = np.full(2, np.nan)  # of the axes, where it was sent last
         self._turned = 0.0  # when rates were sent last, s; 0: since then it was sent to a place
-        self._stopping, self._stopped, self._stop_sent = False, 0.0, 0
+        self._stopping, self._stopped, self._stop_sent = None, 0.0, 0  # since; last; ns
         self._readings = deque(maxlen=10_000)
         self._lock, self._is_ready = threading.Lock(), threading.Event()
         self._reconnection = Reconnection(self._make_ready, self._not_ready, retry)
@@ -179,7 +181,7 @@ class GotoMount:
             return
         self.telescope = self.find()
         # what was found moving, and stopped
-        self._stopping, self._stopped = True, time.monotonic()
+        self._stopping = self._stopped = time.monotonic()
         self.ready, self.why = True, ''
         self._is_ready.set()
 
@@ -277,7 +279,7 @@ class GotoMount:
         beside, now = np.inf, max(track[0][0], time.time())
         if self._track is not None:
             beside = np.abs(wrap(self.demand(now) - _at(track, now))).max()
-        self._track, self._stopping = track, False
+        self._track, self._stopping = track, None
         if beside <= (NEAR if self._turned else self._follower.tolerance):
             return
         # also after a stop: sent without the correction it would turn beside and back
@@ -393,7 +395,8 @@ class GotoMount:
         """Stop at once, and stand."""
         self._track, self._turned = None, 0.0
         telescope = self._need()
-        self._stopping, self._stopped = True, time.monotonic()
+        self._stopped = time.monotonic()
+        self._stopping = self._stopping or self._stopped
         self._stop_sent = time.time_ns()
         telescope.abort()
 
@@ -406,7 +409,7 @@ class GotoMount:
             if passed > (AT_ONCE if telescope.taken_up > self._stop_sent else STOP_AGAIN):
                 self.abort()
         elif passed > AT_REST:
-            self._stopping = False
+            self._stopping = None
 
     def unpark(self):
         """Be ready for commands."""
@@ -425,6 +428,9 @@ class GotoMount:
         """In words, '' for all right: (sentence, whether nothing can be done)."""
         if not self.ready:
             return self.why, True
+        if self._stopping and time.monotonic() - self._stopping > GOES_ON:
+            return (f'the mount moves or tracks {GOES_ON:g} s after the order to stop: stop it '
+                    'by its own controls, and look at its driver'), True
         if self._beside:
             return self._beside, False
         telescope = self.telescope

@@ -151,6 +151,10 @@ def test_rows_kept_out_do_not_reach_fit_and_diagnosis(graph):
 
 
 def test_a_diagnosis_that_cannot_be_is_refused_with_a_reason(graph, tmp_path):
+    other = Desk(graph, graduation='ha.grating=47200')
+    other.observe(rows(3))
+    assert 'has no axis ha; its axes are az (azimuth)' in graph.call('diagnose').message
+    graph.remove(other.node)
     desk = Desk(graph, diagnosis_page=str(tmp_path / 'no' / 'page.html'))
     assert 'no observation has come yet' in graph.call('diagnose').message
     desk.observe(rows(3))

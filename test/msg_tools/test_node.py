@@ -326,8 +326,14 @@ def test_relative_names_live_in_the_namespace_of_the_mount(graph):
     (['-p', 'model_file:=absent.json'], 'absent.json'),
     (['-p', 'model_file:=3'], 'must be a str'),
     (['--params-file', 'absent.yaml'], 'absent.yaml'),
+    (['--params-file', 'of_root.yaml'], 'of_root.yaml: section pointing_corrector does not match '
+     '/mount/pointing_corrector: write /**/pointing_corrector'),
+    (['--params-file', 'misspelt.yaml'], 'section /**/pointing_corector does not match'),
 ])
 def test_bad_input_of_a_process_is_one_line_and_code_2(ros_domain, tmp_path, arguments, text):
+    section = 'pointing_corrector: {ros__parameters: {model_file: absent.json}}\n'
+    (tmp_path / 'of_root.yaml').write_text(section)
+    (tmp_path / 'misspelt.yaml').write_text('/**/' + section.replace('rr', 'r'))
     done = subprocess.run(
         [sys.executable, '-m', 'msg_tools.node_process', 'pointing_model.pointing_corrector_node',
          '--ros-args', *arguments],

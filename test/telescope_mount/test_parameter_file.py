@@ -19,8 +19,9 @@ import re
 import pytest
 from places import ROOT
 
+from msg_tools.parameter_sections import check_files, sections
 from telescope_mount.graph import night_graph, real_graph
-from telescope_mount.parameter_file import check, sections, values_of
+from telescope_mount.parameter_file import check, values_of
 from telescope_mount.whole_night import run_night
 
 PLACE = {'latitude_deg': 34.3, 'longitude_deg': 109.0}
@@ -74,6 +75,13 @@ def test_a_section_that_matches_no_node_is_refused_with_the_nodes(file, section,
                 f'{path}: section {name} matches no node in /mount: {hint}')) as refused:
             check(specs, path)
         assert str(refused.value).endswith(', '.join(spec.name for spec in specs))
+
+
+def test_a_node_lets_sections_of_others_be(file):
+    other = '/south/mount_guard: {ros__parameters: {least_elevation_deg: 50.0}}\n'
+    for text in (SITE, other, GUARD + f'/**/{GUARD}', other.replace('mount_guard', 'camera')):
+        check_files('/north/mount_guard', ['--params-file', str(file(text)), '--params-file'])
+    check_files('/mount_guard', ['--params-file', str(file(GUARD))])
 
 
 def test_sections_of_other_nodes_and_of_drivers(file):

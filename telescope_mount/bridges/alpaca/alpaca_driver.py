@@ -15,14 +15,21 @@
 """A mount of an Alpaca server as the graph knows mounts."""
 
 import threading
+import time
 
 import numpy as np
 
-from ..axes_and_places import axes_at
+from msg_tools.units import wrap
+from pointing_model.sky.places import SIDEREAL, sidereal_time
+
+from ..axes_and_places import HOUR, axes_at
 from ..connection import RETRY
 from ..dead_man import ALPACA, DeadMan
 from ..goto_mount import GotoMount, Tick
 from .alpaca_telescope import AlpacaError, AlpacaTelescope
+
+#: s: a mount whose sidereal time is farther off goes elsewhere than the guard has judged
+CLOCK_OFF = 60.0
 
 
 class AlpacaDriver(GotoMount):
@@ -64,6 +71,11 @@ class AlpacaDriver(GotoMount):
         telescope = AlpacaTelescope(self._host, self._port, self._number)
         elsewhere = self.check(telescope, self._set_site)
         telescope.prepare(self.site if elsewhere else None)
+        here = sidereal_time(time.time(), self.site)
+        ahead = float(wrap(telescope.ask('SiderealTime', here / HOUR) * HOUR - here)) / SIDEREAL
+        if abs(ahead) > CLOCK_OFF:
+            raise AlpacaError(f'{telescope.device}: its sidereal time is {ahead:+.0f} s from that '
+                              'of this machine and site: set its clock, time zone and longitude')
         if self.mount.two_sided and telescope.beyond is None:
             raise AlpacaError(f'{telescope.device} does not report its side of the pier: a German '
                               'mount cannot be read without it')

@@ -30,6 +30,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky.places import sidereal_time
 from pointing_model.sky.site import DEFAULT_SITE
+from telescope_mount.bridges import goto_mount
 from telescope_mount.bridges.alpaca.alpaca_driver import AlpacaDriver
 from telescope_mount.bridges.alpaca.alpaca_sources import AlpacaStars
 from telescope_mount.bridges.alpaca.alpaca_telescope import AlpacaError, AlpacaTelescope
@@ -150,12 +151,28 @@ def test_a_german_mount_is_read_by_its_side_of_the_pier():
     ({'AlignmentMode': 0}, 'is a mount of the kind altaz, and the parameter mount says'),
     ({'EquatorialSystem': 2}, 'takes places of another equinox'),
     ({'CanSlewAsync': False}, 'cannot slew'),
+    ({'SiderealTime': sidereal_time(time.time(), DEFAULT_SITE) / DEG / 15.0 % 24.0 + 1.0},
+     'its sidereal time is +35'),
 ])
 def test_what_cannot_be_done_is_one_line(state, words):
     with Server(**state) as server, Bench(server.port) as bench:
         bench.until(lambda: words in bench.driver.state()[0])
         with pytest.raises(ValueError, match='no mount to command: '):
             bench.driver.command(*track(0.0, 0.0))
+
+
+def test_a_mount_that_goes_on_after_a_stop_is_named(monkeypatch):
+    monkeypatch.setattr(goto_mount, 'GOES_ON', 0.5)
+    with Server(Tracking=True) as server, Bench(server.port) as bench:
+        bench.until(lambda: bench.driver.ready)
+        server.obey = lambda order, told: server.got.append((order, told))
+        bench.driver.command(*track(30.0, 20.0))
+        server.state['Tracking'] = True
+        bench.driver.abort()
+        bench.until(lambda: 'the order to stop: stop it by its own' in bench.driver.state()[0])
+        assert bench.driver.state()[1] and len(server.orders('abortslew')) > 2
+        server.state['Tracking'] = False
+        bench.until(lambda: bench.driver.state() == (NO_AXES, False))
 
 
 def test_a_site_that_differs_is_told_unless_that_is_not_allowed():
