@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes that explain a run equally well, told apart by stars that are asked for.
+"""Discrimination between causes that explain a run equally well, by requested stars.
 
-After a diagnosis with an ambiguous verdict each star that comes is judged by the members of the
-sets alone: each is fitted with all terms to all rows, and a member is out that is `SEPARATE` behind
-the best. Until one is left, or no star that could be had is likely to tell more, the best next star
-is asked for. The result follows from the diagnosis and the rows alone, not from the way there.
+After a diagnosis with an ambiguous verdict, only its sets of possible causes are compared as stars
+come in. Each cause is fitted with all terms to all rows, and excluded if it is `SEPARATE` behind
+the best. The best next star is requested until one cause is left, or no possible star is likely to
+decide. The result depends on the diagnosis and the rows only, not on the sequence of requests.
 """
 
 from dataclasses import dataclass, field
@@ -39,27 +39,28 @@ from .discriminating_star import ENOUGH, LEAST_CHANCE, SEPARATE, Pair, Points, d
 from .observations import observations
 from .run_problem import RunProblem, effect_bank
 
-#: stars that are asked for at most
+#: largest number of requested stars
 MOST_STARS = 15
-_MOST_PAIRS = 6  # that a star is chosen for
-_NEWCOMERS = 4  # of no set, that may come in
+_MOST_PAIRS = 6  # largest number of pairs for which a star is chosen
+_NEWCOMERS = 4  # largest number of candidates added to a set
 
 
 @dataclass
 class CauseSet:
-    """One set: its best member, and how the others stand.
+    """One set of possible causes: the best one, and the state of the others.
 
     Attributes
     ----------
     best : str
     out : dict of str to float
-        Members that are out, and how far behind they are, in 2 ln(likelihood ratio).
+        Excluded causes, and their distance from the best in 2 ln(likelihood ratio).
     open, stays : dict of str to float
-        That may still be told from the best, and those that no star here is likely to tell.
+        Causes that may still be separated from the best, and those that no star here is likely to
+        separate.
     same : list of str
-        Of `stays`: of the same mechanism as the best, and no other cause.
+        Members of `stays` with the same mechanism as the best, which are no other cause.
     needed : dict of str to Finding
-        Of the nearest that stay what would tell them.
+        For the closest of `stays`, the observations that would separate them.
     """
 
     best: str
@@ -77,14 +78,14 @@ class CauseSet:
         return CANNOT if set(self.stays) - set(self.same) else ONE_CAUSE
 
     def finding(self):
-        """How it stands."""
+        """The state as a Finding."""
         causes = self.open or [name for name in self.stays if name not in self.same]
         kind = {ONE_CAUSE: 'one cause left', ASKS: 'causes open', CANNOT: 'causes alike here'}
         return Finding(kind[self.state], unit='', causes=(self.best, *causes), evidence={
             'behind': self.open, 'needed': self.needed})
 
     def to_dict(self):
-        """For JSON, with findings."""
+        """Entry for JSON, with findings."""
         return {'state': self.state, 'best': self.best, 'out': self.out, 'open': self.open,
                 'stays': self.stays, 'same': self.same, 'needed': self.needed,
                 'says': self.finding()}
@@ -92,15 +93,15 @@ class CauseSet:
 
 @dataclass
 class CauseStanding:
-    """How the sets stand by the rows so far, and what to observe next.
+    """State of the sets of causes with the rows so far, and what to observe next.
 
     Attributes
     ----------
     questions : list of CauseSet
     request : dict or None
-        ``az_deg``, ``el_deg`` and so on as of `next_observations.propose`, and ``magnitude``
-        (None: any), ``before`` (what to observe before it, a short move away, or None),
-        ``separates``, ``differ_sigma`` (by how much they do there, of the noise of a star) and
+        ``az_deg``, ``el_deg`` and so on, see `next_observations.propose`; ``magnitude`` (None:
+        any), ``before`` (what to observe before it, a short move away, or None), ``separates``,
+        ``differ_sigma`` (difference of the two causes there, in units of the noise of a star) and
         ``why``.
     """
 
@@ -109,33 +110,33 @@ class CauseStanding:
 
     @property
     def state(self):
-        """`ASKS` while any set does; `CANNOT` where one cannot be told; else `ONE_CAUSE`."""
+        """`ASKS` if any set needs stars; `CANNOT` if one is undecidable; else `ONE_CAUSE`."""
         states = {q.state for q in self.questions}
         return next((s for s in (ASKS, CANNOT) if s in states), ONE_CAUSE)
 
     def finding(self):
-        """How all stand."""
+        """The states of all sets as a Finding."""
         return Finding('sets of causes', evidence={'sets': [q.finding() for q in self.questions]})
 
     def to_dict(self):
-        """For JSON, with findings."""
+        """Entry for JSON, with findings."""
         return {'state': self.state, 'says': self.finding(), 'request': self.request,
                 'sets': [q.to_dict() for q in self.questions]}
 
 
 class Discrimination:
-    """Tells the members of the sets of a diagnosis apart.
+    """Discriminates between the possible causes in a diagnosis.
 
     Parameters
     ----------
     diagnosis : Diagnosis
         With the verdict ``ambiguous``.
     hours : float
-        That may be waited for a star.
+        Longest wait for a star, h.
     elevations : (float, float), optional
-        That the mount can look at, rad; by default where the rows are.
+        Elevation limits of the mount, rad; by default the range of the rows.
     least_chance : float
-        That the stars that are left tell a pair apart, below which none is asked for.
+        Smallest probability that the remaining stars separate a pair, to request one.
 
     Raises
     ------
@@ -158,16 +159,16 @@ class Discrimination:
                              'distinguish')
 
     def compare(self, runs, most=MOST_STARS, ask=True):
-        """How the sets stand by all rows.
+        """Compare the causes of each set with all rows so far.
 
         Parameters
         ----------
         runs : PointingRun or sequence of PointingRun
             The rows of the diagnosis and those since.
         most : int
-            Stars since the diagnosis, at most.
+            Largest number of stars since the diagnosis.
         ask : bool
-            Whether a star is wanted; without, what is left open stays open.
+            Whether to request a star. If not, all causes that are not excluded count as open.
 
         Returns
         -------
@@ -178,7 +179,7 @@ class Discrimination:
         problem = RunProblem(obs, self._base, self._alpha, curves=False).problem
         bank = effect_bank([*problem.dictionary.effects, *smooths(obs.context)], obs.context)
         effects, matches = list(self._effects), {}
-        for _ in range(2 if len(effects) > 1 else 1):  # the second sees what the first has changed
+        for _ in range(2 if len(effects) > 1 else 1):  # again, with the best causes of the others
             for i in self._sets:
                 others = [e for j, e in enumerate(effects) if j != i]
                 matches[i] = _SetMatch(problem, obs, bank, others, self._sets[i],
@@ -232,12 +233,12 @@ class Discrimination:
         weight = np.array([np.exp(-0.5 * max(pair.behind, 0.0)) for pair in pairs])
         total = (weight / weight.sum()) @ differ
         free = ~points.taken(obs.context, range(self._seen, len(obs)))
-        # nobody waits longer than it takes to be likely to tell
+        # wait no longer than needed for a decision to be likely
         for hours in np.unique(points.later):
             soon = points.later <= hours
             if hours == points.later.max() or max(p.chance(stars, soon) for p in pairs) >= ENOUGH:
                 break
-        if stars < 2:  # a short move takes two
+        if stars < 2:  # a short move takes two stars
             soon &= ~points.short
         free &= soon
         j = int(np.argmax(np.where(free if free.any() else soon, total, -1.0)))
@@ -252,15 +253,15 @@ class Discrimination:
 
 
 class _SetMatch:
-    """The members of one set on all rows, with everything else in the model.
+    """The causes of one set fitted to all rows, with everything else in the model.
 
-    Those whose model has others beside them are judged with these.
+    A cause that was found together with other effects is fitted with these.
 
     Attributes
     ----------
     best : Effect
     others : list of (Effect, float)
-        The nearest first, and how far behind they are.
+        The other causes and their distance in 2 ln(likelihood ratio), closest first.
     """
 
     def __init__(self, problem, obs, bank, others, members, beside):
@@ -271,20 +272,20 @@ class _SetMatch:
             problem.b, problem.inverse_sigma, bank, problem.curves, problem.sequence)
         lines = [e.line for e in bank.effects]
         taken = {e.line for e in others}
-        # in order: equals must not change places from process to process
+        # keep the order: equals must not change places between processes
         ours = [line for line, e in zip(lines, bank.effects) if e.name in members]
         ours = [line for line in dict.fromkeys(ours) if line not in taken]
         plain = self._whole.plain
 
         def of(fit):
             scores = bank.score(fit)
-            # of each line the group that gains most
+            # the group with the largest gain in each line
             tops = {lines[g]: g for g in np.argsort(scores.delta_bic, kind='stable')}
             return scores, tops, max((tops[one] for one in ours),
                                      key=lambda g: round(scores.delta_bic[g], 6))
 
         fit = plain.fit([])
-        for _ in range(2):  # weighted as with the best in the model: without it rows look wrong
+        for _ in range(2):  # use the weights of a fit with the best: without it rows look wrong
             weights = plain.fit([CandidateGroup(of(fit)[-1])]).weights
             fit = plain.fit([], weights)
         scores, tops, best = of(fit)
@@ -301,7 +302,7 @@ class _SetMatch:
                  if self._in_its_place(bank, scores, best, g)]
         members = [tops[line] for line in ours
                    if tops[line] != best and gains[tops[line]] > -np.inf]
-        # of so few rows n ln(ratio) is too much: the noise is known from those beyond the terms
+        # small-sample correction of n ln(ratio): only the degrees of freedom determine the noise
         cost = (scores.dof + bank.scan_cost) * np.log(n)
         free = 1.0 - len(self._fit.basis) / (2.0 * n)
         behind = free * ((gains + cost)[best] - gains - cost) + cost - cost[best]
@@ -312,7 +313,7 @@ class _SetMatch:
                              key=lambda one: one[1])
 
     def _by_models(self, ranked, beside, free):
-        """Compare members with others of their own beside them by whole models; the best leads."""
+        """Compare causes that need other effects by whole models; update the best."""
         problem, n = self._problem, self._problem.n
 
         def model(effects):
@@ -342,13 +343,13 @@ class _SetMatch:
         self._fit = model([*self._others, e])[1]
 
     def _in_its_place(self, bank, scores, best, other):
-        """Whether a candidate of no set would stand in the place of the best, not beside it."""
+        """Whether a candidate outside the set replaces the best rather than complements it."""
         if overlap(scores.basis(best), scores.basis(other))[1] <= DISTINCT:
             return False
         beside = bank.score(self._whole.plain.fit([CandidateGroup(other)]))
         return beside.delta_bic[best] < SET_WIDTH
 
     def pair(self, obs, base, other, points, behind):
-        """`Pair` of the best and another."""
+        """`Pair` of the best and another cause."""
         return Pair(self._problem, obs, base, self._fit, (self.best, other), self._others,
                     points, behind)

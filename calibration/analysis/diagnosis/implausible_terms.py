@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Terms with a sign or a size that no mount should have, and what the rows say of why."""
+"""Terms with a sign or size implausible for any mount, and possible reasons in the data."""
 
 from dataclasses import replace
 
@@ -23,18 +23,18 @@ from calibration.estimation.correlated_noise import WhiteNoise
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mount_kinds import KINDS
 
-#: standard errors from where a value is no zero
+#: standard errors from which a value is significant
 _SURE = 3.0
-#: arcsec of cot E: a refraction of 58" at sea level that is wrong by a third. Pressure and
-#: temperature make a tenth of it
+#: arcsec of cot E: a third of the refraction of 58" at sea level. Pressure and temperature change
+#: it by a tenth only
 _WRONG_AIR = 20.0
-#: arcsec: axes and tubes are built square, and stiff, to minutes of arc
+#: arcsec: axes are built square, and tubes stiff, to minutes of arc
 _SQUARE = DEG / ARCSEC
 _OF_SHAPE = {kind.named(name) for kind in KINDS.values() for name in ('TF', 'CA', 'NPAE')}
 
 
 def suspicious(terms):
-    """Terms with a sign or a size that no mount should have.
+    """Terms with a sign or size implausible for any mount.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def suspicious(terms):
     Returns
     -------
     list of dict
-        Of each the same, and ``what``: ``sign``, or ``size``.
+        The same keys, and ``what``: ``sign`` or ``size``.
     """
     out = []
     for row in terms:
@@ -64,7 +64,7 @@ def suspicious(terms):
 
 
 def implausible_terms(result):
-    """Facts of each term, declared or found, that stands out.
+    """Facts about each implausible term, declared or found.
 
     Parameters
     ----------
@@ -73,11 +73,11 @@ def implausible_terms(result):
     Returns
     -------
     list of dict
-        As of `suspicious`, and ``altaz`` (the mount is one); ``alone_arcsec``, its
-        value without the effects; of a negative TF `refraction_in_place` as ``refraction``, and
-        `sound_with` as ``sound_with`` where it is negative beside the effects. Of a sign
-        that a term has without the effects, and that they only leave in doubt, the value is the
-        one without, and ``beside_effects_arcsec`` the other.
+        The keys of `suspicious`, and ``altaz`` (whether the mount is one); ``alone_arcsec``, the
+        value without the effects; for a negative TF ``refraction`` (see `refraction_in_place`) and,
+        if it is negative with the effects, ``sound_with`` (see `sound_with`). If a wrong sign is
+        significant only without the effects, the value is the one without them, and
+        ``beside_effects_arcsec`` the one with them.
     """
     rows = rows_of_terms(result.model)
     rows += [{'name': 'TX', 'value_arcsec': float(one.fitted.coefficients[0]) / ARCSEC,
@@ -97,7 +97,7 @@ def implausible_terms(result):
 
 
 def _in_doubt(result, rows):
-    """Terms of a wrong sign without the effects, which have it beside them too, if less surely."""
+    """Terms with a wrong sign that is significant only without the effects, but present in both."""
     if not result.effects:
         return []
     known = {row['name'] for row in suspicious(rows)}
@@ -109,7 +109,7 @@ def _in_doubt(result, rows):
 
 
 def refraction_in_place(result):
-    """What a wrong refraction, cot E, does in place of TF and beside it, without the effects.
+    """Fit a refraction error, cot E, in place of TF and together with it, without the effects.
 
     Parameters
     ----------
@@ -118,9 +118,9 @@ def refraction_in_place(result):
     Returns
     -------
     dict or None
-        ``value_arcsec`` of TX, fitted in place of TF with the other declared terms,
-        ``delta_bic``: how much better that fits, and ``beside_arcsec``: TF with TX beside it;
-        None where TX is declared, or TF is each run's own.
+        ``value_arcsec`` of TX, fitted in place of TF with the other declared terms;
+        ``delta_bic``, the gain of that fit; and ``beside_arcsec``, TF fitted together with TX.
+        None if TX is declared, or TF is fitted to each run.
     """
     base, obs = result.base, result.observations
     if 'TF' not in base.terms or 'TF' in base.own or 'TX' in base.terms:
@@ -133,7 +133,7 @@ def refraction_in_place(result):
     scale = [max(float(np.sqrt(np.mean(np.square(r[rows])))), 1e-15)
              for r in result.residual_before]
     noise = WhiteNoise(np.concatenate([np.sqrt(result.weights[rows]) / s for s in scale]))
-    # what all other terms do lies in both models
+    # the other terms are in both models, so the residuals with only TF added back are enough
     b = result.residual_before.reshape(-1)[both] + (
         result.base_model.terms['TF'] * with_tf.common[at])
     left = [float(np.square(noise.whiten(one.left_of(b, noise))).sum())
@@ -144,12 +144,12 @@ def refraction_in_place(result):
 
 
 def _coefficient(columns, at, b, noise):
-    """One of the common ones of a fit to `b`, arcsec."""
+    """Common coefficient `at` of a fit to `b`, arcsec."""
     return float(columns.solver(noise)(b)[0][at]) / ARCSEC
 
 
 def sound_with(effects, name):
-    """With which other causes a term is as mounts have it, and what it is beside them.
+    """Alternative causes with which a term has a plausible value, and that value.
 
     Parameters
     ----------

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether the columns of a run are what they are named, told before anything is concluded.
+"""Check, before any conclusion, whether the columns of a run hold what their names say.
 
-The seven physical terms are fitted robustly to the run as written and in other readings
-(`readings`). A misfit is a robust scatter, and those of two readings compare as likelihoods do:
-each divided by what its offsets on the sky gain from a unit of the columns as written.
+The seven physical terms are fitted robustly to the run as written and under other readings
+(`readings`). The misfit is a robust scatter. It is divided by the scale factor from the columns as
+written to on-sky offsets, so that misfits of two readings compare as likelihoods do.
 """
 
 from dataclasses import dataclass, field
@@ -41,44 +41,45 @@ from .readings import (
     without_signs,
 )
 
-#: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
-#: leaves 37, the next 13; a loose mount of an amateur 90.
+#: robust radial RMS, arcsec, above which no terms describe a run as written: of 73 measured runs
+#: the largest values are 37 and 13; a loose amateur mount has 90.
 ABSURD = 1800.0
-#: arcsec; a reading that leaves less than a detector could see, or more than any mount, is no fit
+#: smallest and largest RMS of a fit, arcsec: below what a detector resolves, above any mount
 _FITS = (0.05, 600.0)
-#: how many times better, and by which log-likelihood, another reading must fit a run that would
-#: pass as written. Of 73 measured runs none is read otherwise beyond 0.8 times as well, but for a
-#: bad night (1.7 times; the effects below do so too). With zenith distances in both pairs 67 of 70
-#: runs of three telescopes are told; the other three have 2, 15 and 46 rows.
+#: noise ratio and log-likelihood by which another reading must beat a run that would pass as
+#: written. Of 73 measured runs none has another reading beyond 0.8 times as good, except for a bad
+#: night (1.7 times; the effects below explain it, too). With zenith distances in both pairs 67 of
+#: 70 runs of three telescopes are recognised; the other three have 2, 15 and 46 rows.
 _BETTER, _LIKELIER = 1.25, 15.0
-#: the same of offsets on the sky that a file gives, radial: exchanged they may fit one axis alone
+#: radial RMS ratio for on-sky offsets given in a file: exchanged, they may fit one axis by chance
 _CLEARLY = 1.5
-#: the same where common effects are fitted too (`usual` of the kind of mount)
+#: noise ratio and log-likelihood if common effects are fitted, too (`usual` of the kind of mount)
 _WITH_EFFECTS = (1.15, 10.0)
-#: of these the run as written may have so many in place of a mistake
+#: largest number of these effects fitted to the run as written, as an alternative to a mistake
 _MOST_EFFECTS = 2
-#: times the best misfit, or log-likelihood, within which two readings cannot be told apart
+#: misfit ratio or log-likelihood within which two readings are indistinguishable
 _ALIKE, _AS_LIKELY = 1.05, 3.0
-_NEAR = 3.0  # times the best misfit in first order, of readings of a run that fits as written
+_NEAR = 3.0  # largest first-order noise of a reading, relative to the best, if the run fits as is
 _WRONG = {'columns': 'the columns are not what they are named', 'times': 'the times are not UTC',
           'site': 'the site is wrong'}
-_DAY = 18.0  # hours that azimuths in hours span
-#: deg: hour angles and declinations of rows on a strip along the meridian, as nobody observes
+_DAY = 18.0  # smallest span of azimuths in hours
+#: deg and rows: width in hour angle, length in declination and fewest rows of a strip along the
+#: meridian, which nobody observes
 _STRIP, _STRIP_LONG, _STRIP_ROWS = 13.0, 60.0, 12
-_FIELD = 2.0 * DEG  # a run within it tells nothing of its columns
+_FIELD = 2.0 * DEG  # columns of a run within a smaller field cannot be checked
 
 
 class MistakenColumns(ValueError):
-    """The columns of a run are not what they are named.
+    """The columns of a run do not hold what their names say.
 
     Parameters
     ----------
     text : str
-        One line.
+        Message, one line.
     readings : list of dict
-        ``reading`` and ``rms_arcsec`` of those that fit, the best first.
+        ``reading`` and ``rms_arcsec`` of the readings that fit, best first.
     rows_read, rows_used : int
-        As written.
+        Number of rows with the columns as written.
     """
 
     def __init__(self, text, readings=(), rows_read=0, rows_used=0):
@@ -88,12 +89,12 @@ class MistakenColumns(ValueError):
 
 @dataclass
 class ColumnCheck:
-    """What the check of a sound run says.
+    """Result of the check of a run that passed.
 
     Attributes
     ----------
     alike : list of str
-        Readings that fit as well but for signs, or better where effects explain it too.
+        Readings that fit as well and differ by signs, or fit better but only as well as effects.
     findings : list of Finding
     """
 
@@ -102,25 +103,25 @@ class ColumnCheck:
 
     @classmethod
     def of(cls, each):
-        """Of several runs of one mount: readings that fit all of them as well, notes of each."""
+        """Merge the checks of several runs: the readings common to all, the findings of each."""
         alike = [text for text in dict.fromkeys(t for one in each for t in one.alike)
                  if all(text in one.alike for one in each)]
         return cls(alike, [found for one in each for found in one.findings])
 
     def doubts(self, names):
-        """The findings, and one of readings that fit as well; `names` of the mount."""
+        """The findings, and one on equally good readings; `names`: names of the mount."""
         unsigned = without_signs(self.alike, names)
         return [*self.findings, *([Finding('columns alike', causes=tuple(unsigned))]
                                   if unsigned else [])]
 
 
 def check_columns(runs, encoder='enc'):
-    """See that the columns of runs are what they are named.
+    """Check that the columns of runs hold what their names say.
 
     Parameters
     ----------
     runs : PointingRun or sequence of PointingRun
-        Each is judged alone, by what the columns of its file hold (``meta['as_written']``).
+        Each is checked separately, from the columns as in its file (``meta['as_written']``).
     encoder : {'enc', 'abs'}
 
     Returns
@@ -138,7 +139,7 @@ def check_columns(runs, encoder='enc'):
 
 
 class _RunCheck:
-    """Of one run."""
+    """Column check of one run."""
 
     def __init__(self, run, encoder):
         self.rows = rows = FileRows(run, encoder)
@@ -146,7 +147,7 @@ class _RunCheck:
         self.physical, self.effects = rows.mount.names.physical, rows.mount.names.usual
 
     def result(self):
-        """`ColumnCheck`; raises MistakenColumns."""
+        """The `ColumnCheck`; raises MistakenColumns."""
         if len(self.rows.label) < FEW or self._in_a_field():
             return ColumnCheck()
         written = self.fits.fit(Reading(), centred=False)
@@ -159,7 +160,7 @@ class _RunCheck:
         others = self.fits.best([r for r in self._single() if r != MIRRORED], _NEAR)
         if south:
             self._refuse(written, [self.fits.fit(Reading())])
-        # the mirror image of a mount is one, to the last digit: no fit is needed
+        # the mirror image fits exactly as well: no fit is needed
         out = ColumnCheck()
         out.alike = [] if self.rows.held else [MIRRORED.text(names=self.mount.names)]
         better = [other for other in others if self._is_better(other, written, others, out)]
@@ -178,7 +179,7 @@ class _RunCheck:
         return out
 
     def _is_better(self, other, written, others, out):
-        """Refuse the run as written if the other is what it is; whether it may be."""
+        """Raise MistakenColumns if `other` is clearly right; return whether it is better."""
         if other.reading.given and other.rms_arcsec > written.rms_arcsec / _CLEARLY:
             return False
         if other.far_better_than(written, _BETTER, _LIKELIER) and other.rms_arcsec < _FITS[1]:
@@ -190,7 +191,7 @@ class _RunCheck:
                 return True
             out.alike.append(other.text)
         elif other.reading in SIGNS and other.as_good_as(written, _ALIKE, _AS_LIKELY):
-            # of others a fit as good is no doubt: of a mount that drifts some one often fits so
+            # ignore other readings that fit as well: with a drifting mount one often does
             out.alike.append(other.text)
         return False
 
@@ -199,14 +200,14 @@ class _RunCheck:
                 *other_places(self.rows)]
 
     def _in_a_field(self):
-        """Whether the catalogue places are as good as one place, however they are read."""
+        """Whether all catalogue positions are in one small field under any reading."""
         return all(np.ptp(c) < _FIELD for c in self.rows.columns[:2])
 
     def _is_clear(self, reading):
-        """Whether numbers read as hours, or radians of the first axis, span what those span.
+        """Whether the first angle obviously is in hours or radians, by the range of its numbers.
 
-        Azimuths over 0 to 24, as no dome's slit does; hour angles within half a day of the
-        meridian, where declinations span the sky.
+        Azimuths that span 0 to 24 are hours, as no dome limits them to such a sector. A narrow
+        range of hour angles with declinations all over the sky is in hours or radians.
         """
         first, second = (np.asarray(v) / DEG for v in self.rows.columns[:2])
         if not set(reading.catalogue) & {'hours', 'radians of the first'} or (
@@ -217,9 +218,10 @@ class _RunCheck:
         return len(first) >= _STRIP_ROWS and np.ptp(first) < _STRIP and np.ptp(second) > _STRIP_LONG
 
     def _needed(self, other, written):
-        """Whether common effects in place of the other reading do not fit as well.
+        """Whether the other reading still fits far better if common effects are fitted.
 
-        Either some in the run as written, against none in the other, or all in both.
+        Either a few effects with the columns as written and none in the other reading, or all
+        effects in both.
         """
         terms, amended = self.physical, written
         for _ in range(_MOST_EFFECTS):
@@ -239,7 +241,7 @@ class _RunCheck:
         return None not in fits and fits[1].far_better_than(fits[0], *_WITH_EFFECTS)
 
     def _explain(self, written, far):
-        """Refuse what does not fit as written; return where its rows fit but are too few."""
+        """Refuse a run that does not fit as written; return if it fits but with too few rows."""
         fits = self.fits.best([Reading(), *self._single(), *double_readings(
             self.rows.held, self.mount, self.rows.lst is not None)])
         fits = _alike([fit for fit in fits
@@ -269,7 +271,7 @@ class _RunCheck:
 
 
 def _alike(fits):
-    """The best and those that cannot be told from it; of these the ones with fewest mistakes."""
+    """The best fit and those indistinguishable from it, with the fewest mistakes only."""
     best = _likeliest(fits)
     one = _likeliest([fit for fit in fits if fit.reading.mistakes < 2])
     if one is not None and not best.far_better_than(one, _BETTER, _LIKELIER):
@@ -287,7 +289,7 @@ def _likeliest(fits):
 
 
 def _sizes(fit):
-    """Of the zero and of the tilt, degrees."""
+    """Sizes of the zero and of the tilt, degrees."""
     return tuple(size / DEG for size in fit.sizes)
 
 

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What to observe next, so that effects which explain a run equally well come apart.
+"""What to observe next to separate effects that explain a run equally well.
 
-For two members of a set, each is taken as the truth in turn and the other (with all terms of the
-model) is fitted to what the truth would give. What that fit cannot follow, squared and in units
-of the noise, is the expected separation in 2 ln(likelihood ratio). The next observation is where
-the two disagree most; it is added, and the fit repeated (T-optimal design of Atkinson and
-Fedorov, 1975, one point after the other). What the rows so far say is no expectation: it is the
-difference of the scores by which the members are one set, and what is expected is added to it.
+Of two possible causes, each is taken as the truth in turn, and the other (with all terms of the
+model) is fitted to the values it predicts. The squared residual of that fit, in units of the noise,
+is the expected separation in 2 ln(likelihood ratio). The next observation is where the two disagree
+most; it is added, and the fit repeated (sequential T-optimal design, Atkinson and Fedorov 1975).
+For the rows so far the actual difference of the scores is used, not the expected one; the expected
+separation of new observations is added to it.
 """
 
 from copy import copy
@@ -43,9 +43,9 @@ from .observation_places import (
     utc_of,
 )
 
-_COUNT = 6  # for each ambiguous effect
+_COUNT = 6  # observations for each ambiguous effect
 _MOST_EQUALS = 4
-_WORTH = 0.5  # delta BIC: exact aliases do not come apart anywhere
+_WORTH = 0.5  # smallest useful separation, delta BIC: exact aliases cannot be separated
 MIN_GAP = 3.0 * DEG
 _LATER = (0.25, 2.0, 6.0)  # hours
 
@@ -58,21 +58,20 @@ def propose(run, choice, alternatives=None):
     run : RunProblem
     choice : ModelChoice
     alternatives : list of list of int, optional
-        Of each chosen: groups that lost their place to it and leave its cause open all the same.
+        For each effect chosen: groups that lost to it but leave its cause open.
 
     Returns
     -------
     proposals : list of dict
-        ``az_deg``, ``el_deg`` (of the horizon; of another mount than an alt-azimuth one its own
-        angles too, such as ``ha_deg``, ``dec_deg``, and ``through_pole``), ``approach_az``,
-        ``approach_el`` (0: either), ``last_move_deg`` (of both axes, against the move before;
-        None: any), ``after_hours`` (since the last row; None: at any time), ``utc`` (then; None:
-        at any time, or not known), ``next_night`` (none of these hours is dark tonight),
-        ``separates`` (two
-        names), and ``separation_before``: delta BIC between them by the rows there are;
-        ``separation_after``: the same to be expected with all proposals so far.
+        ``az_deg``, ``el_deg`` (horizontal; for an equatorial mount also its axis angles, such as
+        ``ha_deg``, ``dec_deg``, and ``through_pole``), ``approach_az``, ``approach_el`` (0:
+        either), ``last_move_deg`` (length of a last, reversed move of both axes; None: any),
+        ``after_hours`` (since the last row; None: any time), ``utc`` (of that time; None: any time,
+        or unknown), ``next_night`` (no such hour is dark tonight), ``separates`` (two names),
+        ``separation_before``: delta BIC between them with the present rows, and
+        ``separation_after``: the expected value with all proposals so far.
     none : list of list of str
-        An effect and its strongest alternatives, where no observation tells it from any.
+        An effect and its strongest alternatives, if no observation separates them.
     """
     problem, out, none, grid = run.problem, [], [], _grid(run.obs.context)
     for i, (one, significance) in enumerate(zip(choice.chosen, choice.significances)):
@@ -80,8 +79,8 @@ def propose(run, choice, alternatives=None):
         bank, group = one.family(problem, choice.chosen)
         own = bank.effects[group].cause_summary
         look_at = bank.effects[group].look_at
-        # what people are told as another cause, and look for elsewhere, comes first, what takes
-        # more effects last
+        # first alternatives with another cause and another part to look at; last those that need
+        # more effects
         near = [] if one.curve else sorted(
             [*significance.equals, *(alternatives[i] if alternatives else ())],
             key=lambda k, bank=bank, own=own, look_at=look_at, more=significance.larger: (
@@ -105,9 +104,10 @@ def propose(run, choice, alternatives=None):
 
 
 def _members(problem, best, others, other, beside):
-    """What the models of an effect and an alternative have alone, each itself first, and in common.
+    """Effects only in the model of `best`, only in that of `other` (each itself first), in both.
 
-    An alternative may have others of its own beside it, a list of CandidateGroup, else None.
+    `beside`: the other effects in the model of the alternative, list of CandidateGroup; None: the
+    same as `others`.
     """
     if beside is None:
         return [best], [other], others
@@ -127,11 +127,11 @@ class Grid(NamedTuple):
     later : ndarray
         Hours after the last row.
     short : ndarray of bool
-        Reached by a move of `SHORT` back on the one before.
+        Whether reached by a reversed move of only `SHORT`.
     tomorrow : bool
-        Whether tonight no dark hour is left.
+        Whether no dark hour is left tonight.
     utc : dict of float to (str or None)
-        Of these hours.
+        UTC of these hours.
     """
 
     context: Context
@@ -142,12 +142,12 @@ class Grid(NamedTuple):
 
 
 def _grid(known):
-    """`Grid`: the sky, both approaches, soon and late, after a long move or a short.
+    """`Grid` over the sky, both approaches, early and late hours, long and short last moves.
 
     Parameters
     ----------
     known : Context
-        Of the rows.
+        Context of the rows.
     """
     hours = dark_hours(known, _LATER)
     tomorrow = not hours
@@ -193,7 +193,7 @@ def _separate(run, fit, pair, others, grid, before):
 
 
 def views_of(problem, obs, base, fit, pair, others, context):
-    """Either member of a pair as the truth, and how far the other can follow it.
+    """A `Prospect` with either member of a pair as the truth, fitted by the other.
 
     Parameters
     ----------
@@ -201,13 +201,13 @@ def views_of(problem, obs, base, fit, pair, others, context):
     obs : Observations
     base : Base
     fit : WeightedFit
-        By which the rows are weighted.
+        Fit that gives the weights of the rows.
     pair : sequence of sequence of Effect, length 2
-        The members: an effect, and what its model alone has besides.
+        The members: an effect, and the other effects that only its model has.
     others : sequence of Effect
-        What else is in both models.
+        Effects in both models.
     context : Context
-        Observations that might be made.
+        Possible observations.
 
     Returns
     -------
@@ -215,7 +215,7 @@ def views_of(problem, obs, base, fit, pair, others, context):
         The first member true, the second true.
     """
     n, m = problem.n, len(context)
-    # they are observed in the last run, with its terms
+    # new observations belong to the last run, with its terms
     last = int(np.searchsorted(np.unique(obs.label), obs.label[-1]))
     grid_base = base.columns(context, np.full(m, obs.label[-1]))
     shared = problem.base.beside(*(e.columns(obs.context).reshape(-1, 2 * n) for e in others))
@@ -239,22 +239,22 @@ def _stacked(effects, context):
 
 
 def _matters(gain, j, hours):
-    """Whether the approaches, the time (of so many) and the last move change what `j` tells."""
+    """Whether the approaches, the time and the last move change the gain at point `j`."""
     shape = (2, 2, hours, 2)
     here = gain.reshape(-1, *shape)[j // np.prod(shape)]
     by_az, by_el, by_time, by_move = (
         bool(np.any(np.ptp(here, axis=axis) > 0.01 * gain[j])) for axis in range(4))
-    return by_az, by_el, by_time or hours == 1, by_move  # one hour has nothing beside it
+    return by_az, by_el, by_time or hours == 1, by_move  # a single hour cannot be compared
 
 
 def _beyond_other_runs(shared, rows, noise, last):
-    """Whitened rows without what the runs but the last can fit for themselves."""
+    """Whitened rows, with the terms of each run but the last projected out."""
     others = replace(shared.without_common(), own=shared.own * (shared.group != last))
     return others.whitened(noise).orthonormal_groups().off(rows, in_place=True)
 
 
 def _noise(fit, problem, context):
-    """Noise of each axis of new observations, shape (2, m), radians, with what it remembers."""
+    """Noise of new observations, shape (2, m), radians, including the correlated part."""
     unit = problem.scale_unit
     noise = np.repeat((fit.scale * unit)[:, None], len(context), axis=1)
     for axis, one in enumerate(fit.memory):
@@ -264,12 +264,12 @@ def _noise(fit, problem, context):
 
 
 def _coefficients(rows, b):
-    """Least squares of `b` by rows that are white."""
+    """Least-squares fit of whitened rows to `b`."""
     return GroupColumns.alone(rows).solver(WhiteNoise(np.ones(len(b))))(b)[0]
 
 
 class Prospect:
-    """One member of the pair is true; how well can the other follow it. Rows are whitened."""
+    """One member of a pair is the truth, and the other is fitted to it. Rows are whitened."""
 
     def __init__(self, shared, shared_grid, truth, other, b, noise):
         p = _coefficients(np.vstack((shared, truth[0])), b)
@@ -288,12 +288,12 @@ class Prospect:
         return float(left @ left)
 
     def disagreement(self):
-        """Of each point, if nothing is refitted after it, shape (m,)."""
+        """Squared difference at each point without a refit, in units of the noise, shape (m,)."""
         left = (self._signal_grid - self._fit() @ self._grid).reshape(2, -1)
         return np.square(left / self._noise).sum(axis=0)
 
     def add(self, j, stars=1.0):
-        """Observe point `j`, or so many stars at it."""
+        """Add a number of stars at point `j`."""
         at = [j, j + self._m]
         n = self._rows.shape[1] // 2
         place = [n, 2 * n]  # behind the x and behind the y rows
@@ -302,5 +302,5 @@ class Prospect:
         self._signal = np.insert(self._signal, place, self._signal_grid[at] / noise)
 
     def copy(self):
-        """The same, to add to."""
+        """A copy to which points can be added."""
         return copy(self)

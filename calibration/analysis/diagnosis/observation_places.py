@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Places and dark hours at which a mount may observe, with all that effects ask of it there."""
+"""Positions and dark hours at which a mount may observe, with the drivers of effects there."""
 
 from datetime import datetime, timezone
 
@@ -28,30 +28,30 @@ from pointing_model.sky.skyline import Horizon
 
 #: elevation of the Sun below which stars are observed: the end of civil twilight, rad
 DARK = -6.0 * DEG
-_ROWS, _STEP, _LONGEST = 9, 0.25, 48.0  # rows looked at; h
-#: the first axis of a mount that is no alt-azimuth one is asked to go so much farther than it has
+_ROWS, _STEP, _LONGEST = 9, 0.25, 48.0  # sampled rows; time step and longest time ahead, h
+#: how far the first axis of an equatorial mount may go beyond the range that it has used
 BEYOND = 5.0 * DEG
-CLEAR = 3.0 * DEG  # a star is near the place, not at it
-SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
+CLEAR = 3.0 * DEG  # tolerance: the star observed is near the position, not at it
+SHORT = 2.0 * DEG  # a last move too short to complete a hysteresis
 
 
 def on_turn(seen, angles):
-    """Angles on the turn on which an axis has been, and whether it has been near them.
+    """Unwrap angles to the turn that an axis has used, and check that they are in its range.
 
     Parameters
     ----------
     seen : ndarray, shape (n,)
-        Where it has been, rad; it is taken never to have been in the largest gap between two of
-        them.
+        Angles that the axis has been at, rad. The largest gap between two of them is assumed
+        unused.
     angles : ndarray
         rad.
 
     Returns
     -------
     angles : ndarray
-        rad: what grows with them has no jump between.
+        Unwrapped, rad: linear functions of them have no jump in the used range.
     near : ndarray of bool
-        Within `BEYOND` of where it has been, or between.
+        Within the used range, extended by `BEYOND`.
     """
     first, span = covered(seen)
     middle = 0.5 * (seen.min() + seen.max())
@@ -60,26 +60,26 @@ def on_turn(seen, angles):
 
 
 def places_under(known, low, high, *conditions):
-    """Places on the sky for an observation, each under all conditions.
+    """Grid of positions on the sky, combined with all conditions.
 
-    Of a mount that is no alt-azimuth one, as far as its first axis has turned in the rows: beyond,
-    the counterweight may be up. Behind the skyline, where it is known, is none.
+    The first axis of an equatorial mount stays in the range used by the rows: beyond it the
+    counterweight may be up. Positions behind a known skyline are excluded.
 
     Parameters
     ----------
     known : Context
-        Of the rows.
+        Context of the rows.
     low, high : float
-        Elevations between which the places are, rad.
+        Elevation limits, rad.
     *conditions : sequence
-        The values of each.
+        Values of each condition.
 
     Returns
     -------
     az, el : ndarray, shape (m,)
         Angles of the axes, rad; the conditions change fastest.
     *values : ndarray, shape (m,)
-        Of each condition.
+        Values of each condition.
     """
     mount = known.mount
     beyond = np.unique(is_beyond(known.el)) if not mount.vertical else [False]
@@ -101,7 +101,7 @@ def places_under(known, low, high, *conditions):
 
 
 def forecast(time, temperature, then, n):
-    """Temperature as far as the night's course tells it: the last of it, never beyond its range."""
+    """Temperature extrapolated linearly from the night, at most 5 K beyond its range."""
     good = np.isfinite(temperature)
     if time is None or good.sum() < 5:
         return np.full(n, np.nanmean(temperature))
@@ -116,17 +116,17 @@ def observation_context(known, az, el, approach, later, short, warmer=0.0, **mor
     Parameters
     ----------
     known : Context
-        Of the rows.
+        Context of the rows.
     az, el : ndarray, shape (m,)
         Angles of the axes, rad.
     approach : (ndarray, ndarray), shape (m,)
-        Of both axes, -1 or 1.
+        Approach of both axes, -1 or 1.
     later : ndarray, shape (m,)
         Hours after the last row.
     short : ndarray of bool, shape (m,)
-        Reached by a move of `SHORT` back on the one before.
+        Whether reached by a reversed move of only `SHORT`.
     warmer : float
-        Kelvin beside the forecast.
+        Kelvin above the forecast.
     **more : ndarray, shape (m,)
         Other columns.
     """
@@ -152,14 +152,14 @@ def observation_context(known, az, el, approach, later, short, warmer=0.0, **mor
 
 
 def place_of(context, j):
-    """Where a proposal is: ``az_deg``, ``el_deg`` of the horizon, and a mount's own angles."""
+    """Position of a proposal: horizontal ``az_deg``, ``el_deg``, and equatorial axis angles."""
     place = [round(float(context.get(name)[j] / DEG), 6) % 360.0
              for name in ('azimuth', 'elevation')]
     return {'az_deg': place[0], 'el_deg': place[1], **_side(context, j)}
 
 
 def _side(context, j):
-    """Of another mount than an alt-azimuth one: its own angles, and whether through the pole."""
+    """Axis angles of an equatorial mount, and whether it points through the pole; else empty."""
     mount = context.mount
     if mount.vertical:
         return {}
@@ -170,27 +170,27 @@ def _side(context, j):
 
 
 def dark_hours(context, hours):
-    """Those of some hours after the last row at which it is dark.
+    """Select the hours after the last row at which it is dark.
 
     Parameters
     ----------
     context : Context
-        Of the rows.
+        Context of the rows.
     hours : sequence of float
 
     Returns
     -------
     list of float
-        All of `hours` where site or time are not known, or most of the rows are of the day.
+        All of `hours` if site or time are unknown, or if most rows were observed by day.
     """
     sun = _sun(context)
     return list(hours) if sun is None else [h for h in hours if sun(h) < DARK]
 
 
 def next_night(context, hours):
-    """The same hours counted from the next dusk, after the last row.
+    """Dark hours after the last row, with `hours` counted from the next dusk.
 
-    Where the Sun does not go so low within two days, it is where it is lowest.
+    If it does not get dark within two days, the hour of the lowest Sun.
     """
     sun = _sun(context)
     if sun is None:
@@ -199,13 +199,13 @@ def next_night(context, hours):
     up = np.array([sun(h) for h in grid])
     if up.min() >= DARK:
         return [float(grid[up.argmin()])]
-    day = int(np.argmax(up >= DARK))  # it is still night before
+    day = int(np.argmax(up >= DARK))  # skip the rest of the current night
     dusk = float(grid[day + int(np.argmax(up[day:] < DARK))])
     return [dusk, *(dusk + h for h in hours if sun(dusk + h) < DARK)]
 
 
 def utc_of(context, hours):
-    """UTC of hours after the last row, as ``2026-01-15 21:26``; None where it is not known."""
+    """UTC of `hours` after the last row, as ``2026-01-15 21:26``; None if unknown."""
     if _site(context) is None:
         return None
     last = float(np.nanmax(context.get('time')))
@@ -213,7 +213,7 @@ def utc_of(context, hours):
 
 
 def _sun(context):
-    """Elevation of the Sun by hours after the last row, rad; None where that is no matter."""
+    """Function of hours after the last row: elevation of the Sun, rad; None if irrelevant."""
     site = _site(context)
     if site is None:
         return None

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Figures that a page of a diagnosis shows beside its result."""
+"""Figures shown on the page of a diagnosis in addition to its result."""
 
 from dataclasses import replace
 
@@ -23,13 +23,13 @@ from msg_tools.units import ARCSEC
 
 
 def live_rows(diagnosis):
-    """Rows with weight, and their places in x and y stacked."""
+    """Rows with non-zero weight, and their indices in stacked x and y."""
     rows = np.flatnonzero(diagnosis.weights > 0.0)
     return rows, np.concatenate((rows, rows + len(diagnosis.weights)))
 
 
 def beyond_base(diagnosis, offsets):
-    """The part of some offsets that the declared terms cannot take up, in the rows with weight.
+    """The part of some offsets that the declared terms cannot absorb, in rows with weight.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def beyond_base(diagnosis, offsets):
 
 
 def add_page_figures(diagnosis):
-    """Measure the effects of a diagnosis, and put them, and those of its model, in order of size.
+    """Measure the effects of a diagnosis, and sort them, and those of its model, by size.
 
     Parameters
     ----------
@@ -73,11 +73,11 @@ def add_page_figures(diagnosis):
 
 
 def its_own(diagnosis, found):
-    """The part of an effect that no term and no other effect can take up, all of them refitted.
+    """The part of an effect that the terms and the other effects cannot absorb when refitted.
 
-    Against it the residual shows what the rows say of this effect alone (an added-variable plot;
-    Cook & Weisberg 1982, Residuals and Influence in Regression, section 2.3.2): beside terms that
-    are nearly the same curve the effect itself is a difference of large numbers.
+    Residuals plotted against it show the evidence for this effect alone (an added-variable plot;
+    Cook & Weisberg 1982, Residuals and Influence in Regression, section 2.3.2). The effect itself
+    is not suited: with terms of nearly the same shape it is a difference of large numbers.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def its_own(diagnosis, found):
 
 
 def correlations(diagnosis):
-    """Correlations of the common terms and the effects, all else fitted beside them.
+    """Correlations of the coefficients of the common terms and the effects, in the full fit.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def correlations(diagnosis):
     Returns
     -------
     names : list of (str, str or None)
-        Term; or effect and coefficient.
+        (term, None), or (effect, coefficient).
     matrix : ndarray, shape (k, k)
     """
     obs, base = diagnosis.observations, diagnosis.base

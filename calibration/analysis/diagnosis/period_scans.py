@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Periods of an axis that are searched: which a run can show, and what is said of those found."""
+"""Search for periodic errors of unknown period, and findings on the periods and gears."""
 
 import numpy as np
 
@@ -31,24 +31,24 @@ from pointing_model.sky.places import SIDEREAL
 
 from ..finding import Finding
 
-#: periods a turn that are looked for: of worm wheels 50 to 720 teeth, of the motor's gears more
+#: cycles per turn searched: worm wheels have 50 to 720 teeth, the motor's gears more cycles
 FEWEST, MOST = 10.0, 1000.0
-#: rows from which on a period is searched: fewer go through it by chance
+#: fewest rows for a search: with fewer some period fits by chance
 _FEWEST_ROWS = 20
-#: of a period that rests on whole teeth, standard errors within which it is a whole number, and how
-#: sure it must be for that
+#: a rate is rounded to whole teeth if within this many standard errors of a whole number, and if
+#: its standard error is below this
 _WHOLE, _SURE = 2.0, 0.2
-#: of the travel, what an angle may differ from one that goes with time to be one with it
+#: an angle is linear in time if its deviation is below this share of the travel
 _TOGETHER = 1e-3
-#: kinds of what is said of gears beside what was found, first of all notes
+#: kinds of findings on gears, shown before other notes
 FAST, NOTHING, ABSENT = 'fast wave as well', 'nothing at the teeth', 'fundamental absent'
 GEARS = FAST, NOTHING, ABSENT
-#: standard errors within which a fundamental is absent
+#: a fundamental is absent if smaller than this many standard errors
 _SIGMAS = 3.0
 
 
 def period_bank(context):
-    """Waves of both axes, by the reading of each (or its angle), and by time within a night.
+    """Waves of both axes: functions of the encoder reading (or angle), and of time in a night.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def period_bank(context):
     Returns
     -------
     PeriodBank
-        Empty where the rows are too few.
+        Empty if there are too few rows.
     """
     if len(context) < _FEWEST_ROWS:
         return PeriodBank([])
@@ -92,7 +92,7 @@ def _maker(context, axis, of, **given):
 
 
 def _together(time, angle):
-    """Whether an axis turns evenly with the time: then one is the other."""
+    """Whether an axis turns linearly in time: then waves of both are the same."""
     keep = np.isfinite(angle)
     design = np.stack((np.ones(keep.sum()), time[keep]))
     left = angle[keep] - np.linalg.lstsq(design.T, angle[keep], rcond=None)[0] @ design
@@ -100,19 +100,19 @@ def _together(time, angle):
 
 
 def settle_periods(problem, choice):
-    """Tune what was found with all else in the model; of whole teeth where the rows say so.
+    """Tune the found periods with all else in the model; round them to whole teeth if consistent.
 
     Returns
     -------
     dict of int to (float, float, bool)
-        Place in the choice -> the best rate, its standard error, whether it is a whole number.
+        Index in the choice -> best rate, its standard error, whether it is a whole number.
     """
     return {i: _settled(problem, problem.plain.fit(choice.chosen, without=i), one.group)
             for i, one in enumerate(choice.chosen) if one.period}
 
 
 def _settled(problem, fit, group):
-    """One entry of `settle_periods`, beside a fit without it."""
+    """One entry of `settle_periods`; `fit` is without this wave."""
     bank = problem.periods
     scan, orders = bank.scans[bank.line[group]], SHAPES[group // bank.count]
     rate, _ = bank.tuned_rate(fit, group, float(bank.rate[group]))
@@ -125,7 +125,7 @@ def _settled(problem, fit, group):
 
 
 def add_aliases(problem, choice):
-    """Make periods of the same angle that fit as well, as at even steps, causes of those found."""
+    """Add aliased periods that fit as well (rows at even steps) to the equals of those found."""
     bank = problem.periods
     for i, (one, stand) in enumerate(zip(choice.chosen, choice.significances)):
         if not one.period:
@@ -143,12 +143,12 @@ def add_aliases(problem, choice):
 
 
 def period_findings(problem, choice, settled):
-    """Of each wave of unknown period a Finding ``period``; `settled` as of `settle_periods`."""
+    """A Finding ``period`` for each wave of unknown period; `settled`: see `settle_periods`."""
     return [_finding(problem, choice, i, *each) for i, each in settled.items()]
 
 
 def _aliases(problem, choice, i):
-    """Periods a turn of the causes of `add_aliases` of one of a choice, best first."""
+    """Cycles per turn of the aliases that `add_aliases` gave to effect `i`, best first."""
     bank, line = problem.periods, problem.periods.line
     return [float(bank.rate[k]) for k in choice.significances[i].equals
             if line[k] == line[choice.chosen[i].group]]
@@ -165,14 +165,14 @@ def _finding(problem, choice, i, rate, error, whole):
 
 
 def gear_findings(run, choice, effects):
-    """What a gear of other teeth may be in a run: Findings of `GEARS`.
+    """Findings of the kinds `GEARS`: aliased periods, and declared teeth without a wave.
 
     Parameters
     ----------
     run : RunProblem
     choice : ModelChoice
     effects : list of DiagnosedEffect
-        What was found.
+        The effects found.
 
     Returns
     -------
@@ -183,7 +183,7 @@ def gear_findings(run, choice, effects):
 
 
 def _fast_as_well(run, choice):
-    """At even steps of an axis a fast wave is the same as a slow one: of each slow effect."""
+    """Fast waves aliased with a slow effect, because rows are at even steps of an axis."""
     problem, names = run.problem, run.obs.context.mount.names
     bank, out = problem.periods, []
     for scan, one in enumerate(bank.scans):
@@ -196,7 +196,7 @@ def _fast_as_well(run, choice):
             fit = problem.plain.fit(choice.chosen, without=i)
             own = float(found.bank(problem).score(fit, [found.group]).delta_bic[found.group])
             e = found.effect(problem)
-            # whoever knows the gear has searched nothing
+            # with known teeth there is no search penalty
             least = own - SET_WIDTH - np.log(problem.n)
             rates = bank.as_good(fit, scan, least, least - 0.1 * own, [e.parameters['turns']]
                                  if e.form == 'periodic' else ()) if own > 0.0 else ()
@@ -211,7 +211,7 @@ def _fast_as_well(run, choice):
 
 
 def _other_periods(run, choice, effects):
-    """At even steps a wave may have other periods, and another size with each: of each found."""
+    """Aliased periods of each wave found, and the range of its size with them."""
     out = []
     for i, (one, found) in enumerate(zip(choice.chosen, effects)):
         p = found.fitted.effect.parameters
@@ -229,7 +229,7 @@ def _other_periods(run, choice, effects):
 
 
 def _declared(context, effects):
-    """Declared teeth whose wave was not found, or not its fundamental."""
+    """Declared teeth whose wave, or its fundamental, was not found."""
     out = []
     for axis, teeth in context.worms.items():
         word = context.mount.names.word(axis)

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is left that remembers: rows alike beyond chance whose cause is not known.
+"""Correlated residuals: significant correlation in time whose cause is unknown.
 
-How large it is there, how rows that are alike differ as a reader would see it, whether it goes one
-way, and whether the order of the rows lets it follow the direction.
+Measures its size, the differences between rows by their distance in time, whether it is a steady
+drift, and whether the order of the rows lets it be confused with a function of direction.
 """
 
 import math
@@ -30,33 +30,33 @@ from calibration.estimation.linear_model import DISTINCT
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
-#: independent tests that the likelihood ratio of a memory counts as, over both axes, the memories
-#: and sizes that are tried: of 500 nights of noise without memory each, N = 30, 60, 200, its chance
-#: is 0.01 or less in 0.8, 0.2 and 1.0 %, 0.05 or less in 4.0, 3.4 and 3.8 %
+#: effective number of independent tests in the likelihood ratio of correlated noise, over both axes
+#: and all correlation times and sizes tried: of 500 nights of white noise each with N = 30, 60,
+#: 200, p is 0.01 or less in 0.8, 0.2 and 1.0 %, 0.05 or less in 4.0, 3.4 and 3.8 %
 _TESTS = 6.0
 _SOME = 600  # rows at a time: the effort grows with the cube
-_PART = 0.5  # of the run, in which it is said how rows differ
-_STEP = 1.0 / 3.0  # of the distance of any two rows: steps so short go along the sky
-_ANCHORS = 400  # rows of which the pairs are looked at, at most
-_ABOUT = 0.5  # of the distance in the order, by which a pair may be nearer or farther
-_NEAR = 5.0  # deg on the sky, within which two rows are near at least
-#: drivers of which a curve is a drift itself
+_PART = 0.5  # largest separation of pairs, relative to the length of the run
+_STEP = 1.0 / 3.0  # steps below this share of the typical distance of two rows go along the sky
+_ANCHORS = 400  # largest number of rows whose pairs are used
+_ABOUT = 0.5  # relative tolerance of the separation of a pair in the order
+_NEAR = 5.0  # deg on the sky, two rows within it are always near
+#: drivers whose smooth curves are drifts themselves
 _DRIFTS = ('time', 'order', 'run_hours')
-FEWEST = 10  # pairs, of which a figure is told
+FEWEST = 10  # fewest pairs for a reported figure
 
 
 @dataclass
 class ResidualCorrelation:
-    """Rows alike, though no driver explains them.
+    """Correlated residuals that no driver explains.
 
     Attributes
     ----------
     axes : dict of str to AxisNoise
-        ``az``, ``el``: the axes that remember.
+        ``az``, ``el``: the axes with correlated noise.
     p : float
-        That noise without memory would show as much, at most.
+        Upper limit of the p-value for white noise.
     like : list of CandidateGroup
-        Effects that explain it as well, had the noise no memory: the likeliest first.
+        Effects that explain the correlation as well, with white noise; most likely first.
     along_the_sky : dict or None
         See `along_the_sky`.
     """
@@ -68,10 +68,11 @@ class ResidualCorrelation:
 
 
 def residual_correlation(run, choice, alpha):
-    """Whether the noise remembers, beyond what the choice explains.
+    """Test for correlated noise beyond the selected effects.
 
-    Either of two tests is beyond chance at `alpha`: effects that would be added if rows had no
-    memory, and that are not beyond noise with one; or the restricted likelihood of the memory.
+    Noise is correlated if either of two tests is significant at `alpha`: an effect that would be
+    added with white noise is not significant with correlated noise, or the restricted likelihood
+    ratio of correlated noise is significant.
 
     Parameters
     ----------
@@ -91,21 +92,21 @@ def residual_correlation(run, choice, alpha):
     if not choice.masked and p > alpha:
         return None
     axes = {name: one for name, one in zip(('az', 'el'), memory) if one.variance > 0.0}
-    # of effects that are beyond chance no more is known than that they are
+    # of masked effects only p < alpha is known
     return ResidualCorrelation(axes, min(p, alpha), _equal_effects(problem, choice.chosen, axes),
                                along_the_sky(run.obs.context, problem.sequence))
 
 
 def _equal_effects(problem, chosen, axes):
-    """Candidates that explain the rows as well as the memory of the noise on their axes does.
+    """Candidates that explain the rows as well as correlated noise on their axes does.
 
-    By BIC, within `SET_WIDTH` of the memory (its size and its length are two numbers an axis) and
-    of the best candidate of the same axes: a set of equals, of which the memory is one.
+    Their BIC is within `SET_WIDTH` of that of correlated noise (two parameters per axis, size and
+    correlation time) and of the best candidate on the same axes.
     """
     fit = problem.plain.fit(list(chosen))
     cost = 2.0 * np.log(max(np.count_nonzero(fit.weights > 0.0), 2))
     of_noise = [axes[name].gain - cost if name in axes else -np.inf for name in ('az', 'el')]
-    # an axis whose memory does not pay has none to be explained
+    # skip an axis where correlated noise does not gain by BIC
     memory = {i: gain for i, gain in enumerate(of_noise) if gain >= min(max(of_noise), 0.0)}
     least = min(memory.values()) - SET_WIDTH
     found = []
@@ -127,7 +128,7 @@ def _equal_effects(problem, chosen, axes):
 
 
 def memory_chance(memory):
-    """Chance that noise without memory has as large a likelihood ratio on either axis.
+    """P-value, under white noise, of the larger likelihood ratio of the two axes.
 
     Parameters
     ----------
@@ -151,21 +152,22 @@ def correlation_entry(found, run, chosen, residual):
     chosen : list of CandidateGroup
         The effects in the model.
     residual : ndarray, shape (2, n)
-        What the model leaves, radians.
+        Residuals of the model, radians.
 
     Returns
     -------
     dict
-        ``p`` (at most); ``like`` (names of effects that explain it as well); ``slow``: it lasts
-        longer than from row to row; ``along_the_sky``, see `along_the_sky`;
-        ``removes_rms_arcsec``: what it did in these rows, RMS on the sky beyond the terms;
-        ``explained_by``: of what explains it as well ``cause``, ``driver`` and whether it is a
-        ``curve``; ``pairs`` of rows ``within_deg`` on the sky and far in the order; and ``axes``:
-        of each ``sigma_arcsec`` of the process, ``memory`` and ``span`` (of the rows) in ``unit``
-        (hours, rows), ``angle`` (it is one of the azimuth axis: times cos E on the sky), as the
-        likelihood has them; ``row_to_row_arcsec``, the noise that neighbours show between them by
-        it; what is measured of rows that are ``apart`` from one another, in ``unit``, see
-        `PairDifferences.to_dict`; and ``trend``, see `trend`.
+        ``p`` (upper limit); ``like`` (names of effects that explain it as well); ``slow``: whether
+        the correlation time exceeds the interval between rows; ``along_the_sky``, see
+        `along_the_sky`; ``removes_rms_arcsec``: its contribution in these rows, RMS on the sky
+        beyond the terms; ``explained_by``: ``cause`` and ``driver`` of the effects that explain it
+        as well, and whether they are a ``curve``; ``pairs``: number of pairs of rows ``within_deg``
+        on the sky and far apart in the order; and ``axes``. For each axis the fitted
+        ``sigma_arcsec``, correlation time ``memory`` and ``span`` of the rows in ``unit`` (hours,
+        rows), ``angle`` (whether it acts on the axis angle: times cos E on the sky);
+        ``row_to_row_arcsec``, the expected noise between neighbours; measured differences of rows
+        ``apart`` from one another, in ``unit``, see `PairDifferences.to_dict`; and ``trend``, see
+        `trend`.
     """
     problem, context = run.problem, run.obs.context
     sequence = problem.sequence
@@ -199,27 +201,27 @@ def correlation_entry(found, run, chosen, residual):
 
 
 def _pair_distance(sequence):
-    """How far apart two rows are whose difference is given."""
+    """Separation of the pairs of rows whose differences are reported."""
     if not sequence.timed:
         return 10.0 if _PART * sequence.span >= 10.0 else 3.0
     return next((s for s in (3600.0, 600.0) if s <= _PART * sequence.span), 60.0)
 
 
 def along_the_sky(context, sequence):
-    """Whether neighbours in time are neighbours on the sky: what wanders may follow the direction.
+    """Whether neighbours in time are neighbours on the sky: then drift can look like direction.
 
     Returns
     -------
     dict or None
-        ``step_deg`` and ``any_deg``: medians of the distances from one row to the next, and
-        between any two; None where the order mixes the sky.
+        ``step_deg`` and ``any_deg``: median distances from one row to the next, and between any
+        two; None if consecutive rows are spread over the sky.
     """
     places = context.mount.direction(context.az, context.el).T[sequence.order]
     if len(places) < 3:
         return None
     following = np.isfinite(sequence.gap[1:])
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)[following]
-    rng = np.random.default_rng(0)  # the same rows say the same
+    rng = np.random.default_rng(0)  # the same rows give the same result
     any_two = np.linalg.norm(places - places[rng.permutation(len(places))], axis=1)
     any_two = any_two[any_two > 0.0]
     if not len(steps) or not len(any_two):
@@ -230,17 +232,18 @@ def along_the_sky(context, sequence):
 
 
 def slow_noise(problem, chosen, axes):
-    """What noise with memory did in the rows, as far as these show (simple kriging).
+    """Estimate of the correlated noise in the rows (simple kriging).
 
-    Cressie 1993, Statistics for Spatial Data, section 3.2; as `expected_error.ahead`, but there.
+    Cressie 1993, Statistics for Spatial Data, section 3.2; like `expected_error.ahead`, but within
+    the rows.
 
     Parameters
     ----------
     problem : SelectionProblem
     chosen : list of CandidateGroup
-        In the model.
+        Effects in the model.
     axes : dict of str to AxisNoise
-        Those of ``az``, ``el`` that remember.
+        The axes, ``az`` or ``el``, with correlated noise.
 
     Returns
     -------
@@ -266,9 +269,9 @@ def slow_noise(problem, chosen, axes):
 
 
 def beyond_terms(problem, offsets, chosen=()):
-    """RMS of some offsets, radial on the sky, beyond what the declared terms take up, arcsec.
+    """Radial RMS of some offsets on the sky, beyond what the declared terms absorb, arcsec.
 
-    As `page_figures.beyond_base`, of a result that there is not yet: over the rows with weight.
+    Like `page_figures.beyond_base`, before there is a result; over the rows with weight.
 
     Parameters
     ----------
@@ -276,7 +279,7 @@ def beyond_terms(problem, offsets, chosen=()):
     offsets : ndarray, shape (2, n)
         Radians.
     chosen : list of CandidateGroup
-        The effects in the model, beside which rows have their weight.
+        Effects in the fit that gives the weights.
     """
     live = problem.plain.fit(list(chosen)).weights > 0.0
     left = problem.base.left_of(offsets.ravel(), WhiteNoise(np.tile(live, 2).astype(float)))
@@ -285,22 +288,22 @@ def beyond_terms(problem, offsets, chosen=()):
 
 
 def trend(problem, chosen, name, one):
-    """By how much an axis drifts evenly, and how much of what is left of it that explains.
+    """Linear drift of an axis, and the share of the residual variance that it explains.
 
     Parameters
     ----------
     problem : SelectionProblem
     chosen : list of CandidateGroup
-        In the model.
+        Effects in the model.
     name : {'az', 'el'}
     one : AxisNoise
 
     Returns
     -------
     dict or None
-        ``rate_arcsec_per_hour`` (of the angle of the axis), ``share`` (of the variance that is
-        left on it) and ``removes_rms_arcsec`` (radial on the sky, beyond the terms); None where
-        the rows have no times, or the model has an even drift.
+        ``rate_arcsec_per_hour`` (of the axis angle), ``share`` (of the residual variance of the
+        axis) and ``removes_rms_arcsec`` (radial on the sky, beyond the terms); None if the rows
+        have no times, or if the model contains a linear drift already.
     """
     sequence, n = problem.sequence, problem.n
     if not sequence.timed:
@@ -324,18 +327,18 @@ def trend(problem, chosen, name, one):
 
 
 class PairDifferences:
-    """Differences of what is left of two rows, RMS on the sky, by how far they are apart.
+    """RMS differences of the residuals of two rows, by their separation.
 
     Parameters
     ----------
     context : Context
     sequence : Sequence
     residual : ndarray, shape (2, n)
-        What is left, radians.
+        Residuals on the sky, radians.
     live : ndarray of bool, shape (n,)
         Rows with weight.
     distance : float
-        In the order, in units of the sequence's position.
+        Separation of far pairs, in units of the sequence's position.
     """
 
     def __init__(self, context, sequence, residual, live, distance):
@@ -347,7 +350,7 @@ class PairDifferences:
         self._next = _one_run(run, first, second)
         anchors = np.unique(np.linspace(0, m - 1, min(m, _ANCHORS)).astype(int))
         first, second = (v.ravel() for v in np.meshgrid(anchors, np.arange(m), indexing='ij'))
-        # of two anchors each pair is there twice: that changes no mean
+        # pairs of two anchors occur twice, which changes no mean
         first, second = _one_run(run, first[first != second], second[first != second])
         since = np.abs(position[first] - position[second])
         self._far = [v[np.abs(since - distance) <= _ABOUT * distance] for v in (first, second)]
@@ -359,21 +362,21 @@ class PairDifferences:
         self._near_later = [v[later] for v in (first, second)]
 
     def pairs(self):
-        """How many pairs are near on the sky and far in the order."""
+        """Number of pairs that are near on the sky and far apart in the order."""
         low, high = (np.sort(self._near_later, axis=0) if len(self._near_later[0])
                      else np.zeros((2, 0), int))
         return len(set(zip(low.tolist(), high.tolist())))
 
     def to_dict(self, axis):
-        """Of an axis (0 or 1), arcsec; None of too few pairs.
+        """RMS differences of an axis (0 or 1), arcsec; None if there are too few pairs.
 
         Returns
         -------
         dict
-            ``next_arcsec`` (a row and the next), ``apart_arcsec`` (rows about so far apart),
-            ``moves_arcsec`` (by how much more that is: the root of the difference of the squares);
-            ``near_next_arcsec``, ``near_apart_arcsec``: of rows `within` on the sky, a row and
-            the next, and those farther apart in the order.
+            ``next_arcsec`` (a row and the next), ``apart_arcsec`` (rows about `distance` apart),
+            ``moves_arcsec`` (their difference in quadrature); ``near_next_arcsec``,
+            ``near_apart_arcsec``: the same for rows `within` on the sky, the latter at least
+            `distance` apart.
         """
         near, far = (self._differ(axis, pair) for pair in (self._next, self._far))
         return {'next_arcsec': near, 'apart_arcsec': far,

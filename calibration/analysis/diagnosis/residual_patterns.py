@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What residuals of a smooth model show by themselves: places visited again, outliers together.
+"""Patterns in the residuals of a smooth model: repeated visits, clusters of outliers, jumps.
 
-Neither names a cause or needs one. Both look at residuals of the terms alone, of which little
-changes within a few degrees, and both ask for their chance by permutation.
+They name no cause and need none. They use the residuals of the terms alone, which change little
+within a few degrees, and p-values from permutations.
 """
 
 from typing import NamedTuple
@@ -41,51 +41,50 @@ from .period_scans import GEARS
 from .row_counts import row_word
 from .scatter import NOISIER
 
-#: differences between visits of which the noise is said, at least: of ten it is known to a fifth;
-#: rows among which outliers are looked for
+#: fewest differences between visits to report the noise (ten give it to a fifth); fewest rows to
+#: search for clusters of outliers
 _FEWEST, _FEW = 10, 18
-#: rows that are looked at, at most
+#: largest number of rows used
 MOST_ROWS = 5000
-#: kinds of findings that say that something moved
+#: kinds of findings on motion
 STEP = 'step between visits'
 MOVES = (STEP, 'moved between visits')
 _TOGETHER, _ALIKE, _JUMP = 'outliers together', 'consecutive rows alike', 'zeros jumped'
-#: rad: what is left is rounding, and no noise
+#: rad: smaller residuals are rounding errors, not noise
 _ROUNDING = 1e-6 * ARCSEC
-#: chance that rows of white noise are so like the row before, on an axis; robust sigmas beyond
-#: which a row counts as so far off
+#: largest p-value of the correlation between consecutive rows of an axis; residuals are clipped at
+#: this many robust sigmas
 _BY_CHANCE, _AT_MOST = 1e-3, 3.0
-#: kinds that say where to look first
+#: kinds of findings that show where to look first
 PATTERNS = (*MOVES, _JUMP, MOVING, NOISIER, _ALIKE, _TOGETHER, *GEARS)
-#: the same of a fit, which looks for no effect that may do what a reading of the columns does
+#: the same for a fit, which searches no effects that could imitate another reading of the columns
 OF_A_FIT = ('better reading', 'implausible term', *PATTERNS)
-#: times that the RMS must fall by zeros that jump once (where they drift evenly it falls to a half:
-#: 0 of 2250 runs of white noise, walks, drifts and heavy tails); rows on either side, at least, and
-#: degrees of freedom
+#: a jump of the zeros must reduce the RMS by this factor (a linear drift reduces it to a half; no
+#: false alarm in 2250 runs of white noise, walks, drifts and heavy tails); fewest rows on either
+#: side; fewest degrees of freedom
 _FALL, _SIDE, _FREE = 3.0, 3, 6
-#: windows of a place
+#: kinds of windows in position
 _OF_PLACE = ('direction', 'azimuth', 'first axis')
-#: robust sigmas from where a row is an outlier that others may lie beside
+#: robust sigmas from which a row is an outlier in the search for clusters
 _FAR = 4.0
-#: rad from a row, of windows about it: directions, azimuths
+#: radii, rad, of windows around a row: in direction, in azimuth
 _ABOUT, _ASIDE = (3.0 * DEG, 6.0 * DEG), (3.0 * DEG, 6.0 * DEG)
-#: rows one after the other, of windows in time
+#: lengths of windows in time, rows
 _LENGTHS = (3, 4, 5, 6, 8, 12)
-#: rows that windows are put about, at most; twice as many begin one
+#: largest number of rows with windows around them; twice as many windows in time
 _CENTRES = 250
 
 
 class ResidualRows(NamedTuple):
-    """Rows with what a model leaves of them.
+    """Rows and their residuals.
 
     Attributes
     ----------
     context : Context
-        Of n rows.
+        Context of n rows.
     sequence : Sequence
-        Of them.
     lines : ndarray, shape (n,)
-        What the rows are called by.
+        Labels of the rows for users.
     residual : ndarray, shape (2, n)
         Radians on the sky, finite.
     word : {'row', 'line'}
@@ -102,7 +101,7 @@ class ResidualRows(NamedTuple):
 
     @classmethod
     def from_fit(cls, run, result, encoder='enc'):
-        """Of the rows that a `FitResult` has residuals of; of many, some spread evenly."""
+        """From the rows of a `FitResult` with residuals; if many, an evenly spaced sample."""
         rows = np.flatnonzero(np.isfinite(result.residual_x) & np.isfinite(result.residual_y))
         rows = rows[::-(-len(rows) // MOST_ROWS) or 1]
         used = run.select(rows)
@@ -117,7 +116,7 @@ class ResidualRows(NamedTuple):
 
     @classmethod
     def from_observations(cls, obs, residual):
-        """Of `Observations`; `residual`: what a model leaves of them, x then y, (2n,) or (2, n)."""
+        """From `Observations` and their residuals, x then y, shape (2n,) or (2, n)."""
         sigma = None if obs.inverse_sigma is None else 1.0 / obs.inverse_sigma.reshape(2, -1)
         return cls(obs.context, obs.sequence, obs.places, residual.reshape(2, -1),
                    row_word(obs.run), sigma)
@@ -128,13 +127,13 @@ class ResidualRows(NamedTuple):
         Parameters
         ----------
         terms : sequence of str
-            That the residuals are of.
+            Terms fitted to give the residuals.
         own_zeros : bool
-            Each run has zeros of its own.
+            Whether each run has separate zeros.
         """
         context, sequence, mount = self.context, self.sequence, self.context.mount
         n = len(context)
-        # runs follow each other in their files, whatever their clocks say
+        # without UTC keep the runs in file order: their clocks cannot be compared
         timed = sequence.timed and (context.time_is_utc or not sequence.run.any())
         position = sequence.position if timed else np.argsort(sequence.order) * 1.0
         columns, index = (stacked_design(names, context.az, context.el, mount)
@@ -146,12 +145,12 @@ class ResidualRows(NamedTuple):
 
 
 def patterns_first(findings):
-    """Findings, those of `OF_A_FIT` before the others."""
+    """Sort findings: those of the kinds `OF_A_FIT` before the others."""
     return sorted(findings, key=lambda one: getattr(one, 'kind', '') not in OF_A_FIT)
 
 
 def visit_findings(rows, visits):
-    """What places visited again tell: their noise, and what moved between.
+    """Noise and motion from repeated visits to the same places.
 
     Parameters
     ----------
@@ -161,7 +160,7 @@ def visit_findings(rows, visits):
     Returns
     -------
     list of Finding
-        One, or none where too few places were visited again.
+        One, or none if too few places were visited repeatedly.
     """
     names, move = rows.context.mount.names, visits.move
     if move is None and visits.differences < _FEWEST:
@@ -181,13 +180,13 @@ def visit_findings(rows, visits):
 
 
 def memory_findings(rows, terms):
-    """Whether consecutive rows err alike; those of one star within minutes are one.
+    """Test whether consecutive rows are correlated; rows of one star within minutes are averaged.
 
     Parameters
     ----------
     rows : ResidualRows
     terms : sequence of str
-        That the residuals are of.
+        Terms fitted to give the residuals.
 
     Returns
     -------
@@ -219,18 +218,18 @@ def memory_findings(rows, terms):
 
 
 def jump_findings(rows, terms):
-    """Zeros that jump so far that all terms together cannot hide it, whatever is visited again.
+    """A jump of the zeros too large for the terms to absorb; needs no repeated visits.
 
     Parameters
     ----------
     rows : ResidualRows
     terms : sequence of str
-        That the residuals are of.
+        Terms fitted to give the residuals.
 
     Returns
     -------
     list of Finding
-        One or none; its size is the jump of the axis that moves more.
+        One or none; its size is the jump of the axis that jumps more.
     """
     names, n = rows.context.mount.names, len(rows.context)
     if not set(names.index) <= set(terms) or 2 * n < len(terms) + 2 + _FREE or n < 2 * _SIDE:
@@ -257,7 +256,7 @@ def jump_findings(rows, terms):
                            / max(2 * np.count_nonzero(good) - len(design), 1)))
     run = rows.sequence.run
     if (rms[0] < max(_FALL * rms[1], _ROUNDING) or np.count_nonzero(~good) > n // 4
-            or run[place.before] != run[place.after]):  # runs fitted as one: that is said
+            or run[place.before] != run[place.after]):  # reported elsewhere as runs fitted as one
         return []
     axis = int(np.argmax(np.abs(place.amounts)))
     return [Finding(_JUMP, place.amounts[axis] / ARCSEC, before=rms[0] / ARCSEC,
@@ -267,14 +266,14 @@ def jump_findings(rows, terms):
 
 
 def step_finding(rows, visits, least=0.0):
-    """The step from where the visits of places disagree.
+    """A step in time between repeated visits to the same places.
 
     Parameters
     ----------
     rows : ResidualRows
     visits : Revisits
     least : float
-        A smaller step is none, in the noise of one visit.
+        Smallest step, in units of the noise of one visit.
 
     Returns
     -------
@@ -287,7 +286,7 @@ def step_finding(rows, visits, least=0.0):
 
 
 def cluster_findings(rows):
-    """Outliers that lie together: in one direction, hour, star or on one side of the pier.
+    """Clusters of outliers: in direction, in time, of one star, or on one side of the pier.
 
     Parameters
     ----------
@@ -301,9 +300,9 @@ def cluster_findings(rows):
 
 
 def gathered(rows):
-    """Rows whose outliers lie together in a direction or at an angle of the first axis.
+    """Clusters of outliers in direction or in the angle of the first axis.
 
-    They may be what an effect of few rows is made of, and no accidents.
+    They may be due to an effect that acts on few rows only.
 
     Parameters
     ----------
@@ -332,7 +331,7 @@ def _clusters(rows):
 
 
 def _windows(rows):
-    """Windows in which outliers may lie together."""
+    """Windows in which clusters of outliers are searched."""
     context, n = rows.context, len(rows.context)
     centres = np.arange(n)[::-(-n // _CENTRES)]
     direction = context.direction()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How what is left scatters: at which elevations, in which runs, in which axis more."""
+"""Unequal scatter of the residuals: by elevation, run and axis."""
 
 import math
 
@@ -25,25 +25,25 @@ from pointing_model.rms import rms, sigma_of
 from ..finding import Finding
 from .observations import run_name
 
-#: rows in each of three bands of elevation, at least, of which it is said that they scatter
-#: differently; chance that noise makes them, and how many times as much one must scatter
+#: unequal scatter in three elevation bands: fewest rows per band, largest p-value, and smallest
+#: ratio of the scatter
 _FEWEST_IN_BAND, _UNEQUAL, _TIMES = 12, 1e-3, 1.5
-#: rows, chance and times from which it is a finding that one axis scatters more than the other
+#: unequal scatter of the axes: fewest rows and smallest ratio
 _FEWEST, _AXES_TIMES = 20, 2.0
-#: ln of a likelihood ratio from which a law is named: odds of 30 to 1. Of nights that scatter by
-#: one law the other is named in 1 of 1000 at most (20 to 200 rows)
+#: log-likelihood ratio from which a law is named: odds of 30 to 1. The wrong law is named in at
+#: most 1 of 1000 nights (20 to 200 rows)
 _LAW = float(np.log(30.0))
-#: kind of the Finding on a run that scatters more than the others; rows of it, at least, and times
-#: as much; of each axis, from where it is taken for noise, which an effect of one axis is not
+#: kind of the Finding on a run that scatters more than the others; its fewest rows and smallest
+#: ratio; smallest ratio in both axes to count as noise (an effect of one axis is not)
 NOISIER = 'noisier run'
 _OF_RUN, _RUN_TIMES, _EACH_AXIS = 12, 2.0, 1.5
 
 
 def unequal_scatter(diagnosis):
-    """Whether what is left of an axis scatters otherwise at other elevations.
+    """Test whether the scatter of the residuals of an axis depends on elevation.
 
-    Of three bands with as many rows each, by the ranks of the absolute residuals (Kruskal and
-    Wallis 1952, J. Am. Stat. Assoc. 47, 583).
+    Compares three bands with equal numbers of rows by the ranks of the absolute residuals (Kruskal
+    and Wallis 1952, J. Am. Stat. Assoc. 47, 583).
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def unequal_scatter(diagnosis):
     -------
     dict or None
         ``axis`` (x, y), ``p`` and ``bands``, from low to high: ``from_deg``, ``to_deg`` of
-        elevation and ``rms_arcsec``. None where it does not, or where rows are too few.
+        elevation and ``rms_arcsec``. None if it does not, or if there are too few rows.
     """
     rows = np.flatnonzero(diagnosis.weights > 0.0)
     elevation = diagnosis.observations.context.on_horizon()[1]
@@ -76,10 +76,10 @@ def unequal_scatter(diagnosis):
 
 
 def unequal_axes(diagnosis):
-    """Whether what is left scatters more in one axis than in the other, and by which law.
+    """Test whether residuals scatter more in one axis, and how that depends on direction.
 
-    What an axis turns too far (drive, encoder, clock) moves stars left and right by the cosine of
-    the second angle; optics, seeing and camera move them evenly.
+    Rotation errors of the first axis (drive, encoder, clock) move stars in x by the cosine of the
+    second angle; optics, seeing and camera move them equally everywhere.
 
     Parameters
     ----------
@@ -88,16 +88,16 @@ def unequal_axes(diagnosis):
     Returns
     -------
     dict or None
-        ``axis`` (x, y: that scatters more), ``times``, ``p``, ``sigma_arcsec`` (of x and y,
-        robust) and ``law`` of x, where x scatters more: ``cosine``, ``even``, or None where these
-        rows do not tell. None where the axes scatter alike, or the rows are too few.
+        ``axis`` (x or y, the one that scatters more), ``times``, ``p``, ``sigma_arcsec`` (of x and
+        y, robust) and, if x scatters more, its ``law``: ``cosine``, ``even``, or None if
+        undetermined. None if the axes scatter alike, or if there are too few rows.
     """
     return axes_scatter(diagnosis.residual_after, diagnosis.weights > 0.0,
                         diagnosis.observations.context)
 
 
 def axes_scatter(residual, keep, context):
-    """`unequal_axes` of residuals, radians, shape (2, n), in rows to `keep`."""
+    """`unequal_axes` for residuals, radians, shape (2, n), in the rows `keep`."""
     rows = np.flatnonzero(keep)
     if len(rows) < _FEWEST:
         return None
@@ -116,23 +116,23 @@ def axes_scatter(residual, keep, context):
 
 
 def noise_of_runs(obs, left):
-    """Noise of each run, where one clearly scatters more than the others.
+    """Noise of each run, if one clearly scatters more than the others.
 
-    By the ranks of the radial residuals (Mann and Whitney 1947, Ann. Math. Stat. 18, 50).
+    Tested by the ranks of the radial residuals (Mann and Whitney 1947, Ann. Math. Stat. 18, 50).
 
     Parameters
     ----------
     obs : Observations
     left : ndarray, shape (2, n)
-        What a model leaves of all its rows, outliers too; radians.
+        Residuals of all rows, with outliers, radians.
 
     Returns
     -------
     sigma : ndarray, shape (runs,), or None
-        Of an axis, robust, in sigmas if these were given: runs that scatter more in both axes have
-        their own. None where no run does.
+        Robust noise per axis, in units of the given sigmas if any. Runs that scatter more in both
+        axes have separate values. None if no run does.
     findings : list of Finding
-        Of each run that scatters more.
+        One for each run that scatters more.
     """
     given = 1.0 if obs.inverse_sigma is None else obs.inverse_sigma.reshape(2, -1)
     standard, count = left * given, np.bincount(obs.label, minlength=len(obs.runs))
@@ -165,13 +165,13 @@ def _sigmas(left):
 
 
 def _size(left):
-    """Of an axis, both together."""
+    """Robust noise per axis, from both axes together."""
     return float(np.hypot(*_sigmas(left))) / math.sqrt(2.0)
 
 
 def _chance_larger(size, rows):
-    """One-sided, that values of some rows are larger than the others' by chance."""
-    # scipy.stats has it, and takes half a second to load
+    """One-sided p-value of the Mann-Whitney test that values of some rows are larger."""
+    # written out because scipy.stats takes half a second to load
     rank = np.empty(len(size))
     rank[np.argsort(size, kind='stable')] = np.arange(1.0, len(size) + 1.0)
     m, n = int(rows.sum()), len(size)
