@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for the way back to the bolts: which one, which way, how far."""
+"""Words for polar alignment: which bolt to turn, which way, how far."""
 
 import numpy as np
 
@@ -25,24 +25,24 @@ TRUE, REFRACTED = 'true', 'refracted'
 
 
 def alignment_document(model, refraction=0.0, equinox=None):
-    """Where the polar axis of a model points, for JSON.
+    """Direction of the polar axis of a model, for JSON.
 
     Parameters
     ----------
     model : PointingModel
     refraction : float
-        Of the pole that is meant, rad; 0: the true one.
+        Refraction of the pole to align to, rad; 0: the true pole.
     equinox : dict, optional
-        What the rows say of the equinox of their catalogue, ``meta['equinox_taken']`` of a run.
+        The assumed equinox of the catalogue, ``meta['equinox_taken']`` of a run.
 
     Returns
     -------
     dict or None
-        None of a mount without a polar axis. ``unknown`` says why nothing is known; else
-        ``axis_azimuth_deg`` and ``axis_altitude_deg`` of the end above the horizon, ``pole`` (which
-        one is meant, its altitude and refraction), ``south``, and the errors of the axis, axis -
-        pole, with their sigmas: ``azimuth_…``, ``altitude_…``, ``apart_…`` (the angle between);
-        ``equinox``, where it is a guess.
+        None for a mount without a polar axis. ``unknown``: why nothing is known, or None. Else
+        ``axis_azimuth_deg`` and ``axis_altitude_deg`` of the end above the horizon, ``pole`` (true
+        or refracted, its altitude and refraction), ``south``, and the errors, axis - pole, with
+        their sigmas: ``azimuth_…``, ``altitude_…``, ``pole_distance_…`` (the angle between);
+        ``equinox``, if it is a guess.
     """
     if not model.mount.celestial:
         return None
@@ -54,7 +54,7 @@ def alignment_document(model, refraction=0.0, equinox=None):
 
 
 def axis_document(axis, refracted=False):
-    """A `PolarAxis` as of `alignment_document`; whether the refracted pole is meant."""
+    """A `PolarAxis` for `alignment_document`; `refracted`: the target is the refracted pole."""
     sigma_az, sigma_alt = axis.sigmas
     size, sigma = axis.pole_distance
     return {'unknown': None, 'south': axis.south,
@@ -74,9 +74,9 @@ def alignment_lines(found, per_turn=None):
     Parameters
     ----------
     found : dict
-        Of `alignment_document`.
+        Result of `alignment_document`.
     per_turn : pair of float, optional
-        What a turn of the bolt in azimuth and of that in altitude moves, arcsec.
+        Motion per turn of the azimuth and the altitude bolt, arcsec.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def alignment_lines(found, per_turn=None):
 
 
 def _if_so(equinox):
-    """A warning where the places of the stars are a guess."""
+    """A warning if the equinox of the star positions is a guess."""
     if not equinox:
         return []
     taken, other = (equinox['polar_axis_arcsec'].get(equinox[k], {}) for k in ('taken', 'other'))
@@ -109,9 +109,9 @@ def _if_so(equinox):
 
 
 def azimuth_line(found, per_turn=None):
-    """What the bolt in azimuth has to do."""
+    """How to turn the azimuth bolt."""
     error, sigma = found['azimuth_error_arcsec'], found['azimuth_sigma_arcsec']
-    # a larger azimuth is clockwise; the axis of the south goes the other way along the horizon
+    # azimuth increases clockwise; in the south the axis moves the other way along the horizon
     way = 'clockwise' if error < 0.0 else 'anticlockwise'
     to = 'east' if (error < 0.0) != found['south'] else 'west'
     return _line('Azimuth bolt', error, sigma, per_turn,
@@ -119,7 +119,7 @@ def azimuth_line(found, per_turn=None):
 
 
 def altitude_line(found, per_turn=None):
-    """What the bolt in altitude has to do."""
+    """How to turn the altitude bolt."""
     error, sigma = found['altitude_error_arcsec'], found['altitude_sigma_arcsec']
     return _line('Altitude bolt', error, sigma, per_turn,
                  f'{"raise" if error < 0.0 else "lower"} the axis by {{}}')
@@ -143,7 +143,7 @@ def angle_text(arcsec):
 
 
 def shim_line(shim, unit='mm'):
-    """What a `Shim` has to do; the tube seen from behind, forward and up."""
+    """Where to put a `Shim`; left and right as seen from behind the tube."""
     size = f'{angle_text(shim.angle / ARCSEC)} ± {angle_text(shim.sigma / ARCSEC)}'
     if abs(shim.angle) < _CLEAR * shim.sigma:
         return f'Cone error: no shim; {size} is within its error.'
@@ -153,7 +153,7 @@ def shim_line(shim, unit='mm'):
 
 
 def feet_lines(feet, unit='mm'):
-    """How high the feet of a base have to be lifted, in sentences."""
+    """How far to lift the feet of a base, in sentences."""
     lines = [f'The azimuth axis tilts {angle_text(feet.tilt / ARCSEC)} toward azimuth '
              f'{feet.toward / DEG:.1f}°.']
     if (feet.lifts < _CLEAR * feet.sigmas).all():
@@ -166,17 +166,17 @@ def feet_lines(feet, unit='mm'):
 
 
 def watch_lines(reading, found, near, per_turn=None):
-    """What an image tells while the bolts are turned, in sentences.
+    """Result of an image while the bolts are turned, in sentences.
 
     Parameters
     ----------
     reading : telescope_mount.bolt_watch.BoltReading
     found : dict or None
-        Of `axis_document`.
+        Result of `axis_document`.
     near : bool
-        Whether the axis is as near to the pole as is wanted.
+        Whether the axis is close enough to the pole.
     per_turn : pair of float, optional
-        As of `alignment_lines`.
+        See `alignment_lines`.
 
     Returns
     -------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the calibration answers, and says of its state."""
+"""Words for the answers and the status of the calibration."""
 
 from msg_tools.units import ARCSEC
 
@@ -22,7 +22,7 @@ from .zero_wording import zero_statement
 
 
 def zero_sentence(run, zero, few=False):
-    """Of a MeasuredZero that was set in power-on `run`, by few exposures or enough."""
+    """Sentence on a MeasuredZero set in power-on `run`; `few`: from too few exposures."""
     first, second = zero.mount.names.axes
     return (f'zero of power-on {run} by {zero.by}: {first} {zero.az / ARCSEC:+.2f} +- '
             f'{zero.sigma_az / ARCSEC:.2f} arcsec, {second} {zero.el / ARCSEC:+.2f} +- '
@@ -31,7 +31,7 @@ def zero_sentence(run, zero, few=False):
 
 
 def zero_values(run, zero):
-    """The same by keys, for the status."""
+    """The same as a dict, for the status."""
     return {
         'power_on': run, 'by': zero.by, 'exposures': zero.n, 'rejected': zero.rejected,
         'azimuth_arcsec': f'{zero.az / ARCSEC:.3f}',
@@ -42,7 +42,7 @@ def zero_values(run, zero):
 
 
 def fit_sentence(report):
-    """Of a fit, by its report; why it is not published, where it is not."""
+    """Sentence on a fit, from its report, or why it is not published."""
     if 'refused' in report:
         return report['refused']
     step = steps_of(report)[-1]
@@ -53,30 +53,30 @@ def fit_sentence(report):
 
 
 def finding_sentence(document):
-    """The verdict of a diagnosis, and the effects that are in the model."""
+    """The verdict of a diagnosis, and the effects added to the model."""
     applied = ', '.join(document['applied'])
     return f'{document["verdict"]}: {applied}' if applied else document['verdict']
 
 
 def headline(found):
-    """Of a `NightDiagnosis`."""
+    """Headline of a `NightDiagnosis`."""
     from .effect_wording import effect_summaries
     from .verdict_wording import verdict_sentences
     return verdict_sentences(found.document, effect_summaries(found.diagnosis))[0]
 
 
 def refusal_sentences(document):
-    """Why effects of a diagnosis are not in the model; '' where all are."""
+    """Why effects of a diagnosis are not in the model; '' if all are."""
     return '; '.join(f'not published: {entry["why"]}' for entry in document['refused'])
 
 
 def rows_sentence(taken, zeros):
-    """What was taken up in the middle of a night: `taken` rows, and the zeros that they give."""
+    """Data restored after a restart during a night: `taken` rows, and the zeros from them."""
     return (f'{taken.kept} observations, zeros by {ways(zeros.values()) or "Polaris"} of power-ons '
             + (', '.join(map(str, sorted(zeros))) or 'none'))
 
 
 def restart_sentence(taken_up, model):
-    """What a calibration has that was started anew: `taken_up` (list of str), `model` or None."""
+    """State of a restarted calibration: `taken_up` (list of str), and `model` or None."""
     known = 'no model is known until the next fit' if model is None else 'the active model'
     return f'started in the middle of a night: took up {", ".join(taken_up)}; {known}'

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of a diagnosis: one HTML file that opens from disk, offline, and prints."""
+"""The page of a diagnosis: one HTML file for offline use and printing."""
 
 from pointing_model.mount_kinds import kind_of
 
@@ -31,13 +31,13 @@ from .terms_section import correlation_table, run_terms_table, terms_table
 
 
 def render(view, files=None):
-    """The page as text: HTML that is well-formed XML too; it refers to nothing outside itself.
+    """The page as text: self-contained HTML that is also well-formed XML.
 
     Parameters
     ----------
     view : DiagnosisView
     files : iterable of Path, optional
-        From which it is made: where it comes from is told with their sums.
+        Input files, listed with their checksums.
 
     Returns
     -------
@@ -83,6 +83,6 @@ def render(view, files=None):
 
 
 def _tpoint_signs(kind):
-    """Which signs of another program are the other way round."""
+    """Terms with the opposite sign in TPOINT."""
     terms = ('IE' if kind.vertical else 'the terms of both axes' if kind.celestial else None)
     return f'TPOINT: {terms} with the opposite sign.' if terms else ''

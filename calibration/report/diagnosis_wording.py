@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for what a diagnosis notes beside its verdict: rows, sessions, what was dropped."""
+"""Words for the notes of a diagnosis: rows, sessions, dropped effects."""
 
 from pointing_model.context import UNKNOWN
 from pointing_model.effects.base import arcsec, readable, the
@@ -33,7 +33,7 @@ def _first_answer(found):
 
 
 def limit_words(kind):
-    """Name -> words of each effect whose detection limit is told, of a `mount_kinds.MountKind`."""
+    """Name -> words for each effect with a detection limit, for a `mount_kinds.MountKind`."""
     first, second = (f'a{"n" * (word[0] in "aeh")} {word}' for word in kind.axes)
     out = {'line_of_sight_2': 'a line of sight that swings twice per turn',
            'refraction': 'a refraction constant wrong',
@@ -50,7 +50,7 @@ def limit_words(kind):
 
 
 def limit_rows(document):
-    """Each error that the rows would have shown, and its detection limit: pairs of str."""
+    """Effects and their detection limits, pairs of str."""
     words = limit_words(kind_of(document))
     return [(words[row['name']],
              f'{row["amplitude_arcsec"]:.2f}{_UNITS.get(row["unit"], "″")}')
@@ -75,7 +75,7 @@ def _undecided(found):
 
 
 def _figures(found):
-    """RMS before and after of what is predicted worse, and on which axis."""
+    """RMS before and after of a worse prediction, and its axis."""
     place = f', in {found["axis"]}' if found['axis'] else ''
     return f'({found.before:.2f}\u2033 to {found.after:.2f}\u2033{place})'
 
@@ -107,7 +107,7 @@ def _dropped(why):
                           + '; '.join(map(readable, found.causes)))
 
 
-#: driver -> what a slope is by, in a sentence, and that in units of the driver
+#: driver -> unit of a slope in a sentence, and its size in units of the driver
 _BY = {'temperature': (' per °C', 1.0), 'time': (' a day', 86400.0)}
 
 

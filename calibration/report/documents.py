@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The results of a fit and of a diagnosis, as JSON."""
+"""Results of a fit and of a diagnosis as JSON."""
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from .wording import wording
 
 
 def fit_document(found):
-    """What ``fit --json`` writes; keys that `Diagnosis.to_dict` has too mean the same.
+    """The document of ``fit --json``; keys shared with `Diagnosis.to_dict` mean the same.
 
     Parameters
     ----------
@@ -36,14 +36,13 @@ def fit_document(found):
     -------
     dict
         ``terms`` (``name``, ``value_arcsec``, ``sigma_arcsec``, ``within95_arcsec`` by Student's t
-        with ``degrees_of_freedom``, null where the noise is given; of those with ``undetermined``
-        null as well, and their value is what they have in the model); the ``degrees_of_freedom`` of
-        the fit; ``before`` (as the encoders read) and ``after``; ``condition``, ``rank``,
-        ``correlations`` (of all pairs of terms: ``terms``, ``value``), ``undetermined`` (what the
-        stars do not determine, in words); rows, notes, and what else was asked for, or None:
-        ``harmonics``, ``predicted``, ``base_model``, ``origin_of_errors``
-        (`sky_model.Origin.document`), ``polar_axis`` (`bolt_wording.alignment_document`, of
-        equatorial mounts).
+        with ``degrees_of_freedom``, null if the noise is given; also null for ``undetermined``
+        terms, whose value is that in the model); the ``degrees_of_freedom`` of the fit; ``before``
+        (raw) and ``after``; ``condition``, ``rank``, ``correlations`` (of all pairs of terms:
+        ``terms``, ``value``), ``undetermined`` (what the stars do not determine, in words); rows,
+        notes, and optional results, or None: ``harmonics``, ``predicted``, ``base_model``,
+        ``origin_of_errors`` (`sky_model.Origin.document`), ``polar_axis``
+        (`bolt_wording.alignment_document`, equatorial mounts only).
     """
     run, result, base = found.run, found.terms, found.base
     used, matrix = run.select(result.weights > 0.0), result.correlations
@@ -73,7 +72,7 @@ def fit_document(found):
 
 
 def refused_fit(error):
-    """As `fit_document` where the columns are not what they are named; what fits in ``readings``.
+    """`fit_document` of a run with mistaken columns; ``readings`` has the readings that fit.
 
     Parameters
     ----------
@@ -85,7 +84,7 @@ def refused_fit(error):
 
 
 def refused_columns(error):
-    """What all documents have of `MistakenColumns`."""
+    """Entries common to all documents of a run with `MistakenColumns`."""
     return {
         'observations': error.rows_used, 'before': _entry(None), 'after': _entry(None),
         'rows_read': error.rows_read, 'rows_used': error.rows_used, 'outliers': [],
@@ -95,7 +94,7 @@ def refused_columns(error):
 
 
 def predicted_document(found):
-    """Entry ``predicted``: of a model chosen to predict.
+    """Entry ``predicted``: a predictive model.
 
     Parameters
     ----------
@@ -104,12 +103,12 @@ def predicted_document(found):
     Returns
     -------
     dict
-        ``coefficients``, ``parts`` (what each effect does to the rows); ``rms_arcsec`` and its axes
-        of all ``rows``, outliers too, on the rows fitted; ``blocks_before`` and ``blocks`` (the
-        terms alone, all repeated) in blocks of time left out, ``before`` and ``after`` the same of
-        rows left out at random, means over the ``ways`` to do so; ``beyond`` the terms, with
-        ``shares`` of the ways to predict, ``gain`` (ln of the ratio of RMS) and ``gain_sigma``;
-        ``reach`` of the prediction; ``notes``.
+        ``coefficients``, ``parts`` (contribution of each effect); fit ``rms_arcsec`` and its axes
+        over all ``rows`` with outliers; ``blocks_before`` and ``blocks``: cross-validated on blocks
+        of time, for the terms alone and for the model; ``before`` and ``after``: the same on random
+        folds, means over the ``ways`` (number of partitions); ``beyond`` (whether more than the
+        terms is used), ``shares`` (weights of the averaged models), ``gain`` (ln of the ratio of
+        RMS) and ``gain_sigma``; ``reach`` (standard errors of predictions); ``notes``.
     """
     def mean(each):
         return {f'cv_{key}': value and float(np.mean([_entry(one)[key] for one in each]))
@@ -126,7 +125,7 @@ def predicted_document(found):
 
 
 def _entry(rms, held_out=None):
-    """Entry of RMS with the keys of a diagnosis."""
+    """RMS entry with the keys of a diagnosis."""
     out = dict.fromkeys(RMS_KEYS)
     for before, one in (('', rms), ('cv_', held_out)):
         if one is not None:
@@ -137,12 +136,12 @@ def _entry(rms, held_out=None):
 
 
 def run_diagnosis_document(found):
-    """What ``diagnose --json`` writes: `diagnosis_document`, and its ``notes`` in words."""
+    """The document of ``diagnose --json``: `diagnosis_document` with ``notes`` in words."""
     return {**diagnosis_document(found), 'notes': list(map(wording, found.notes))}
 
 
 def diagnosis_document(found):
-    """`Diagnosis.to_dict`, with words where data has some.
+    """`Diagnosis.to_dict`, with texts for users added.
 
     Parameters
     ----------
@@ -158,7 +157,7 @@ def diagnosis_document(found):
 
 
 def refused_document(error):
-    """The JSON result where the columns are not what they are named.
+    """The JSON result of a run with mistaken columns.
 
     Parameters
     ----------
@@ -167,7 +166,7 @@ def refused_document(error):
     Returns
     -------
     dict
-        The keys of `Diagnosis.to_dict`, and ``notes``; what does not apply is None.
+        The keys of `Diagnosis.to_dict`, and ``notes``; None where a key does not apply.
     """
     return {
         **refused_columns(error), 'verdict': 'refused', 'south': False, 'cv_contiguous': {},

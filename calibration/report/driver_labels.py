@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What residuals are drawn against: drivers with their labels and units."""
+"""Drivers for the x axis of residual plots, with their labels and units."""
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
@@ -23,7 +23,7 @@ from msg_tools.units import ARCSEC, DEG, covered
 from pointing_model.effects.base import SIDES
 
 _TURN = 2.0 * np.pi
-_NOWHERE = 20.0 * DEG  # from where an axis has not been in some directions
+_NOWHERE = 20.0 * DEG  # smallest gap in the range of an axis at which it may be cut
 _LABELS = {
     'temperature': ('air temperature [°C]', 1.0), 'pressure': ('air pressure [hPa]', 1.0),
     'magnitude': ('magnitude of the star [mag]', 1.0),
@@ -32,7 +32,7 @@ _LABELS = {
     'row': ('number of the row', 1.0), 'pier_side': ('side of the pier', 1.0),
     'lst': ('local sidereal time [h]', np.pi / 12.0), 'azimuth': ('azimuth [°]', DEG),
     'elevation': ('elevation [°]', DEG)}
-#: the same of what belongs to an axis: {0} its angle, {1} the axis itself
+#: the same for drivers of one axis: {0} name of its angle, {1} name of the axis
 _OF_AXES = {
     ('approach_az', 'approach_el'): ('last motion of the {1}', 1.0),
     ('travel_az', 'travel_el'): ('{0} travelled to the star [°]', DEG),
@@ -43,7 +43,7 @@ _OF_AXES = {
 
 @dataclass
 class Driver:
-    """What a residual may depend on, for a figure.
+    """A quantity that residuals may depend on, for a figure.
 
     Attributes
     ----------
@@ -51,11 +51,11 @@ class Driver:
     label : str
         With its unit.
     values : ndarray, shape (n,)
-        In that unit; NaN is unknown.
+        In that unit; NaN: unknown.
     levels : dict, optional
-        value -> text where there are only a few values.
+        value -> text if there are only a few values.
     plain : bool
-        False: made for one effect only.
+        False: used for one effect only.
     """
 
     name: str
@@ -66,21 +66,21 @@ class Driver:
 
 
 def _labels(names):
-    """Label and unit of each driver, of a mount with such `Names`."""
+    """Label and unit of each driver for a mount with these `Names`."""
     return {**_LABELS, **{
         name: (label.format(word, shaft), unit) for keys, (label, unit) in _OF_AXES.items()
         for name, word, shaft in zip(keys, names.axes, names.shafts)}}
 
 
 def _levels(name, names):
-    """Words for the values of a driver that has only a few; None of another."""
+    """Words for the values of a driver with few values; None for other drivers."""
     if name not in SIDES:
         return None
     return {**dict(zip((-1, 1), names.sides[name != 'approach_az'])), 0: 'unknown'}
 
 
 def driver_of(context, name):
-    """A driver with its label and unit, or None where it is not known or does not vary.
+    """A driver with its label and unit, or None if it is unknown or constant.
 
     Parameters
     ----------
@@ -115,13 +115,13 @@ def driver_of(context, name):
 
 
 def _in_one_piece(angles):
-    """Angles of an axis, cut where it has not been: through the pole they go on beyond 180°."""
+    """Unwrap axis angles, cut in the unused gap: through the pole they continue beyond 180°."""
     known = np.isfinite(angles)
     start, span = covered(angles[known])
     if span > _TURN - _NOWHERE:
         return angles
     out = start + np.mod(angles - start, _TURN)
-    # the turn in which the middle of them is looked for
+    # shift by whole turns so that the median is within half a turn of zero
     return out - _TURN * np.round(np.median(out[known]) / _TURN)
 
 

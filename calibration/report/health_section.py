@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The encoders and what else measured, when all is well too."""
+"""Section on the state of encoders and other instruments; shown if all is well, too."""
 
 import numpy as np
 
@@ -22,22 +22,22 @@ from . import page_parts as page
 from .drawing import Panel, limit_of, padded, svg
 from .number_wording import number
 
-#: nodes of which all that they say is shown
+#: nodes whose diagnostic values are all shown
 _INSTRUMENTS = ('encoder', 'frame_reader', 'camera', 'inclinometer', 'mount')
 AXES = ('azimuth', 'elevation')
 
 
 def health_section(health, run=None, axes=AXES):
-    """How the instruments did.
+    """Section on the instruments.
 
     Parameters
     ----------
     health : dict or None
-        Of `log_health.log_health`.
+        Result of `log_health.log_health`.
     run : PointingRun, optional
-        All rows of the night: the two encoders side by side.
+        All rows of the night, to compare the two encoders.
     axes : tuple of str
-        What those of the mount are called.
+        Names of the axes of the mount.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def health_section(health, run=None, axes=AXES):
 
 
 def _sentences(health):
-    """What there is to know, in words."""
+    """Summary sentences."""
     streams = [row for row in health['streams'] if row['lost'] is not None]
     lost = sum(row['lost'] for row in streams)
     out = []
@@ -87,7 +87,7 @@ def _sentences(health):
 
 
 def _counted(nodes, word):
-    """Sum of what nodes count under such a name; None where nothing is."""
+    """Sum of the counters of this name over the absolute encoder's nodes; None if there is none."""
     values = [int(value) for node in nodes if 'absolute' in node['name']
               or 'frame_reader' in node['name'] for key, value in node['values'].items()
               if key.endswith(f' {word}') and value.isdigit()]
@@ -95,7 +95,7 @@ def _counted(nodes, word):
 
 
 def _agreement(run, axes):
-    """Incremental - absolute encoder at every row, about the middle of its power-on."""
+    """Figures: incremental - absolute encoder in each row, minus the median of its power-on."""
     if run is None or 'az_abs' not in run or not len(run):
         return None
     x = (run['time'] - np.nanmin(run['time'])) / 3600.0 if 'time' in run \

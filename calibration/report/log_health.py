@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How the instruments of a night did, as its log tells: rates, gaps, marks, decoding."""
+"""State of the instruments in the log of a night: rates, gaps, marks, decoding."""
 
 from collections import deque
 
@@ -24,48 +24,48 @@ from msg_tools.gaps import SequenceGaps
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import ARCSEC
 
-# of older logs: the errors as positions of joints
+# older logs: errors as joint positions
 _OLDER_SIGMA = 'absolute/sigma'
-#: ends of the topics of instruments -> what they are
+#: suffixes of the topics of instruments -> names of the streams
 STREAMS = {
     'incremental/joint_states': 'incremental encoder', 'absolute/joint_states': 'absolute encoder',
     'absolute/pose': 'absolute encoder, errors', _OLDER_SIGMA: 'absolute encoder, errors',
     'absolute/frame': 'absolute encoder, images',
     'incremental/homing': 'marks', 'camera/miss_distance': 'camera', 'inclinometer': 'inclinometer',
     'ambient/temperature': 'thermometer', 'observation': 'observations'}
-#: messages of instruments up to which each is looked at: half a minute of reading
+#: largest number of messages that are all read: takes half a minute
 MOST_READ = 1_000_000
-#: of errors and of diagnostics that are decoded, at most
+#: largest number of error messages and of diagnostics that are decoded
 _SIGMAS, _STATUSES = 2000, 1500
-#: beginnings of what a node says of its topics, which the table of streams has
+#: prefixes of diagnostic values about topics, which are in the table of streams already
 _OF_TOPICS = ('instance', 'publishes ', 'published ', 'subscribes ', 'received ', 'last ', 'gaps ',
               'rate ')
 LEVELS = ('ok', 'warning', 'error', 'silent')
 
 
 def log_health(path):
-    """What a log of a night tells of its instruments.
+    """State of the instruments in the log of a night.
 
     Parameters
     ----------
     path : str or Path
-        The log of the night; that of the truth is refused.
+        The log of the night; a log of the simulator's truth is refused.
 
     Returns
     -------
     dict
-        ``streams``: a row each with ``what``, ``topic``, ``count``, ``rate_hz`` (mean),
-        ``interval_s`` (middle), ``longest_s`` and ``lost``, the last three None where the log is
-        so large that only its index was read (``whole`` False). ``marks``: of each power-on and
-        axis what `msg_tools.homing` tells, with ``worst_error_counts``. ``sigmas_arcsec``: of each
-        axis ``count``, ``middle``, ``beyond_95``, ``largest``, ``none`` of the errors that the
-        absolute encoder tells of its readings. ``nodes``: ``name``, ``level`` and ``worst`` (of
-        `LEVELS`), ``message``, ``values``.
+        ``streams``: for each stream ``what``, ``topic``, ``count``, ``rate_hz`` (mean),
+        ``interval_s`` (median), ``longest_s`` and ``lost``, the last three None if the log is so
+        large that only its index was read (``whole`` False). ``marks``: for each power-on and axis
+        the values of `msg_tools.homing`, with ``worst_error_counts``. ``sigmas_arcsec``: for each
+        axis ``count``, ``middle`` (median), ``beyond_95`` (95 % quantile), ``largest``, ``none``
+        (number of missing values) of the standard errors of absolute readings. ``nodes``:
+        ``name``, ``level`` and ``worst`` (of `LEVELS`), ``message``, ``values``.
 
     Raises
     ------
     ValueError, OSError
-        It is no log, or not to be read.
+        It is no log, or cannot be read.
     """
     bag = open_bag(path)
     if bag.has_truth:
@@ -86,7 +86,7 @@ def log_health(path):
 
 
 def _streams(bag, named, whole):
-    """A row of each stream; some of the messages that tell errors, evenly, decoded."""
+    """A row for each stream, and an evenly spaced, decoded sample of the error messages."""
     span = 0.0 if bag.start_time is None else (bag.end_time - bag.start_time) * 1e-9
     times = {name: [] for name in named}
     gaps = {name: SequenceGaps(topic.latched) for name, (_, topic) in named.items()}
@@ -107,7 +107,7 @@ def _streams(bag, named, whole):
                'rate_hz': (topic.count - 1) / span if topic.count > 1 and span > 0.0 else None}
         if len(times[name]) > 1:
             intervals = np.diff(np.array(times[name], float)) * 1e-9
-            moved = intervals[intervals > 0.0]  # of a simulated clock many have one time
+            moved = intervals[intervals > 0.0]  # a simulated clock gives many equal times
             if len(moved):
                 row.update(interval_s=float(np.median(moved)), longest_s=float(moved.max()))
         if gaps[name].publishers:
@@ -143,7 +143,7 @@ def _or_none(value):
 
 
 def _axes(bag, named):
-    """Names of both axes, by the readings of the absolute encoder."""
+    """Names of both axes, from the messages of the absolute encoder."""
     readings = [name for name in named if name.endswith('/absolute/joint_states')]
     first = next(bag.messages(readings, decode=True), None) if readings else None
     return ('first axis', 'second axis') if first is None else tuple(first.data.name)
@@ -151,7 +151,7 @@ def _axes(bag, named):
 
 def _sigmas(errors, axes):
     out = {}
-    with np.errstate(invalid='ignore'):  # of a variance below zero, which is none
+    with np.errstate(invalid='ignore'):  # a negative variance means unknown
         rows = [np.sqrt(np.take(one.pose.covariance, (35, 28))) if hasattr(one, 'pose')
                 else one.position for one in errors]
     for axis, found in zip(axes, np.divide(rows, ARCSEC).T):
@@ -167,9 +167,9 @@ def _nodes(bag):
     if topic is None:
         return []
     observer = [t.name for t in bag.topics if t.name.endswith('/observer/status') and t.count]
-    # of a long night the end: what counts up is there too
+    # only the end of a long night: it includes the final counters
     kept = deque(bag.messages([topic.name, *observer]), maxlen=_STATUSES)
-    # by their order: a simulated clock stands
+    # compare by order: a simulated clock may stand still
     over = max((i for i, message in enumerate(kept) if message.topic in observer),
                default=len(kept))
     out = {}
@@ -179,7 +179,7 @@ def _nodes(bag):
         diagnostics = bag.decode(message)
         for status in getattr(diagnostics, 'status', ()):
             level, before = _level(status.level), out.get(status.name)
-            # then nodes end one after the other, and miss each other
+            # at shutdown nodes stop one after the other, and report each other as missing
             if i > over and before and level > LEVELS.index(before['level']):
                 continue
             out[status.name] = {
@@ -191,6 +191,6 @@ def _nodes(bag):
 
 
 def _level(value):
-    """ROS has it as a byte."""
+    """Index in `LEVELS`; ROS gives the level as a byte."""
     value = value[0] if isinstance(value, bytes) else value
     return min(int(value), len(LEVELS) - 1)

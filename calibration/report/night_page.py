@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of a night: one file with all that it found."""
+"""The page of a night: one file with all its results."""
 
 import json
 from datetime import datetime, timezone
@@ -47,27 +47,27 @@ from .residuals import run_residuals
 from .terms_section import terms_section
 from .zero_figures import zeros_of, zeros_section
 
-#: ends of the topics that a page is made of: rows one by one, all of them, and what came of them
+#: suffixes of the topics used for a page: single rows, all rows, and results
 _ENDS = ('observation', 'observations', 'calibration/report', 'model', 'tracking',
          'observer/checks')
-#: written beside the page into the folder of a night, if they are there
+#: files in the folder of a night that the page names, if they exist
 FILES = ('observations.csv', 'model.json', 'report.json', 'diagnosis.json')
-_OLD_RAW = 'as the encoders read'  # in logs of before
+_OLD_RAW = 'as the encoders read'  # in older logs
 
 
 def night_page(run, model, report, log):
-    """The page of a night as text; a diagnosis whose page lies beside the log becomes a part of it.
+    """The page of a night as text, including the page of a diagnosis in the folder of the log.
 
     Parameters
     ----------
     run : PointingRun
         All rows.
     model : PointingModel
-        Published last.
+        The model published last.
     report : dict
-        Of the calibration, with ``tracking`` and ``checks`` where there are some.
+        Report of the calibration, with ``tracking`` and ``checks`` if any.
     log : Path
-        Of the night, with the files that the page names beside it.
+        Log of the night, in one folder with the files that the page names.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def night_page(run, model, report, log):
 
 
 def page_of_log(log):
-    """The page of a night that is over as text, from its log alone.
+    """The page of a past night as text, from its log alone.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def page_of_log(log):
     Raises
     ------
     ValueError
-        It is no log of a night, or that of the simulator's truth.
+        It is no log of a night, or the log of the simulator's truth.
     OSError
         It cannot be read.
     """
@@ -128,7 +128,7 @@ def page_of_log(log):
 
 
 def log_summary(log):
-    """Health and parameters of a log, for `render_night`; what cannot be read is not there."""
+    """Health and parameters of a log, for `render_night`; unreadable parts are missing."""
     try:
         bag = open_bag(log)
         return {'health': log_health(log), 'site': parameters_of(bag.metadata, '/star_observer'),
@@ -144,13 +144,13 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
     Parameters
     ----------
     run, model, report
-        As of `night_page`.
+        See `night_page`.
     log : dict, optional
-        Of `log_summary`.
+        Result of `log_summary`.
     diagnosis : str
-        Page of the diagnosis of the night, to be a part of this one.
+        Page of the diagnosis of the night, to include.
     files : iterable of Path
-        From which it is made.
+        Input files.
 
     Returns
     -------
@@ -204,19 +204,19 @@ def _meta(run, begin, end):
 
 
 def _headline(report):
-    """Before and after in one sentence, its bars and its large numbers.
+    """Errors before and after: headline, bars and large numbers.
 
     Parameters
     ----------
     report : dict
-        Of `CalibrationState.fit`.
+        Report of `CalibrationState.fit`.
 
     Returns
     -------
     headline : str or None
-        None where nothing was fitted.
+        None if nothing was fitted.
     bars : list
-        As of `page_parts.BarChart`.
+        See `page_parts.BarChart`.
     numbers : list of (float, str)
     """
     first, zeroed, last = steps_of(report)
@@ -266,9 +266,9 @@ def _verdict(report, data):
 
 
 def _largest(report, run, files):
-    """Zero and terms as errors, and where to look for what they leave."""
+    """Zero and terms as ranked errors, and where to look for the remaining error."""
     first, zeroed, last = steps_of(report)
-    # the zero on Polaris holds what all other terms are there: its rest is in both indices
+    # a zero set on Polaris absorbs all other terms there: the rest is in both index terms
     terms = [row for row in report.get('terms') or ()
              if not (zeroed and row['name'] in run.mount.names.index)]
     lines = term_lines(terms, run.select(~is_for_zero(run)) if 'star' in run else run)
@@ -308,19 +308,19 @@ def _diagnosis(text):
 # ------------------------------------------------------------------------------------------- rows
 
 def residuals_of(run, model, report, split_seed=None):
-    """Rows of a night with what each was missed by: with the zero alone, and with the model.
+    """Residuals of a night: with the zero alone, and with the model.
 
     Parameters
     ----------
     run, model, report
-        As of `night_page`.
+        See `night_page`.
     split_seed : int, optional
-        With which the stars were chosen that the check holds out; None: it is not said.
+        Random seed that selected the held-out stars of the check; None: unknown.
 
     Returns
     -------
     Residuals
-        Without exposures for a zero.
+        Exposures for a zero are excluded.
     """
     stars = ~is_for_zero(run) if 'star' in run else np.ones(len(run), bool)
     rows = Following.from_model(model).corrected(run).select(stars) if len(run) else run
@@ -354,7 +354,7 @@ def _name(star):
 
 
 def _words(run, report, split_seed):
-    """Which rows the fit used, and of each what became of it."""
+    """Which rows the fit used, and the fate of each row in words."""
     n = len(run)
     words = np.full(n, 'used' if report.get('terms') else 'not fitted', dtype=object)
     if not n:
@@ -367,7 +367,7 @@ def _words(run, report, split_seed):
     used = ~(satellite | kept_out | lied)
     fitted = used.copy()
     if report.get('last_stamp_ns') and 'time' in run:
-        # whole microseconds of a float that counts seconds since 1970
+        # times are floats in seconds since 1970, precise to microseconds
         fitted &= run['time'] <= report['last_stamp_ns'] * 1e-9 + 1e-3
         words[used & ~fitted] = 'came after the fit'
     stars = np.flatnonzero(fitted & ~is_for_zero(run))
@@ -385,7 +385,7 @@ def _words(run, report, split_seed):
 
 
 def _models(report):
-    """Every kind of model on the stars that it was fitted to, and on others."""
+    """Table of all models: RMS on the stars fitted and on held-out stars."""
     _, _, last = steps_of(report)
     rows = [(_step_name(step) + ' ← published' * (step is last and step['step'] != BOTH),
              *_rms(step['used']), *_rms(step['held_out']), step['held_out']['n'])

@@ -18,23 +18,23 @@ import numpy as np
 
 
 def number(value, digits=2, sign=False):
-    """A number as text; None and NaN are a dash."""
+    """A number as text; a dash for None and NaN."""
     if value is None or not np.isfinite(value):
         return '–'
     out = f'{value:{"+" if sign else ""}.{digits}f}'
-    if not out.strip('+-0.'):  # what is nothing has no sign
+    if not out.strip('+-0.'):  # zero has no sign
         out = out.lstrip('+-')
     return out.replace('-', '−')
 
 
 def value_and_error(value, sigma):
-    """A value and its standard error as texts, to the second digit of the error.
+    """A value and its standard error as texts, to two significant digits of the error.
 
     Parameters
     ----------
     value : float
     sigma : float or None
-        Without it the value has five digits.
+        None: the value has five significant digits.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def value_and_error(value, sigma):
 
 
 def _digits(size, significant):
-    """Decimal places with which a number has so many digits that tell, 6 at most."""
+    """Decimal places that give a number of significant digits, at most 6."""
     return int(np.clip(significant - 1 - np.floor(np.log10(float(f'{size:.{significant}g}'))),
                        0, 6))
 
@@ -61,5 +61,5 @@ def probability(p):
 
 
 def group_name(value):
-    """A power-on, night or run, for people."""
+    """Name of a power-on, night or run, for users."""
     return f'{value:g}' if isinstance(value, (float, np.floating)) else str(value)
