@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where to observe next, as tables and on the sky."""
+"""Where to observe next, as tables and on a sky map."""
 
 import numpy as np
 
@@ -24,21 +24,21 @@ from .drawing import svg
 from .number_wording import number
 from .sky_map import SkyMap
 
-#: pairs of causes whose observations are listed
+#: largest number of pairs of causes whose observations are listed
 _PAIRS = 2
 
 
 def next_observations(groups, kind=KINDS[USUAL], grid=None):
-    """Proposed observations, as tables and on the sky.
+    """Proposed observations, as tables and on a sky map.
 
     Parameters
     ----------
     groups : list of (list of str, list of dict, str)
-        As of `observation_wording.proposal_groups`.
+        See `observation_wording.proposal_groups`.
     kind : MountKind
-        What a motion of its axes is called.
+        Gives the names of motions of the axes.
     grid : tuple, optional
-        Its axes on the sky.
+        Coordinate grid of the mount on the sky, see `sky_map.grid_of`.
     """
     if not groups:
         return None

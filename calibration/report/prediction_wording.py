@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for a model that is to predict: what it was made of, and how far it carries."""
+"""Words for a predictive model: its parts, and its accuracy over the sky."""
 
 import math
 
 from pointing_model.effects.base import readable
 
-#: what a way of `estimation.predictor` is called
+#: names of the models that `estimation.predictor` averages
 WAYS = {'terms': 'terms alone', 'choice': 'greedy choice (BIC)',
         'choice with steps': 'greedy choice with zero steps',
         'ridge': 'ridge with slow zero drift',
@@ -26,7 +26,7 @@ WAYS = {'terms': 'terms alone', 'choice': 'greedy choice (BIC)',
 
 
 def shares_text(shares):
-    """Shares of the ways, the largest first."""
+    """Weights of the averaged models, largest first."""
     return ', '.join(f'{100.0 * share:.0f} % {WAYS[way]}' for way, share in sorted(
         shares.items(), key=lambda item: -item[1]) if share > 0.0)
 

@@ -12,20 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for the errors as the encoders read them: what they consist of, how the axis stands."""
+"""Words for the raw error: its largest terms, and the tilt of the first axis."""
 
 import numpy as np
 
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import kind_of
 
-_MUCH = 3.0  # times what the terms leave, from where it is said what the errors as read are
-_PART, _MOST_NAMED = 0.3, 2  # of them, of a term that is named, and how many of these
-_MOST_MOVED, _RESEMBLES = 3, 0.7  # terms told so; correlation from where it says why
+_MUCH = 3.0  # smallest ratio of raw to residual RMS at which the raw error is described
+_PART, _MOST_NAMED = 0.3, 2  # smallest share of a named term, and largest number of them
+_MOST_MOVED, _RESEMBLES = 3, 0.7  # largest number of changed terms; smallest reported correlation
 
 
 def raw_error_sentence(document):
-    """What the errors as read consist of, and how the first axis stands; '' where they are small.
+    """Composition of the raw error, and the tilt of the first axis; '' if the error is small.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def _named(rows, names, sizes=False):
 
 
 def _beyond_zeros(values, named, left):
-    """What is much of the errors as read once the zeros, which may be anything, are off them."""
+    """Further terms that are a large part of the raw error without the zeros."""
     rows = {own: row for own, row in values.items() if own not in ('IA', 'IE')}
     size = np.sqrt(sum(row['rms_arcsec']**2 for row in rows.values()))
     return [row for row in rows.values() if row not in named
@@ -73,7 +73,7 @@ def _beyond_zeros(values, named, left):
 
 
 def _of_which_fit(document, rows):
-    """Of which fit these values are, and which are others beside the effects, in sentences."""
+    """Sentences on the fit that gave these values, and on terms that change with the effects."""
     effects = len(document['effects'])
     if not effects or document['before'] == document['after']:
         return []
@@ -90,7 +90,7 @@ def _of_which_fit(document, rows):
         changes.append(text)
     if changes:
         correlation = document.get('wander')
-        # then that fit does not follow what wanders, and the one of the terms alone does
+        # then the fit with effects models correlated noise, and that of the terms alone absorbs it
         beside = ' and correlated noise' * bool(
             correlation and correlation.get('along_the_sky') is None)
         sentences.append(f'With the effect{"s" * (effects > 1)}{beside} the terms change: '
@@ -99,7 +99,7 @@ def _of_which_fit(document, rows):
 
 
 def _if_so(document, values, names):
-    """With which equinox of the catalogue the axis stands so, where the rows do not tell it."""
+    """The assumed equinox of the catalogue, and the axis with the other one, if undetermined."""
     found = document.get('equinox')
     if not found or found['told']:
         return ''
@@ -114,7 +114,7 @@ def _if_so(document, values, names):
 
 
 def _what(name, names):
-    """A term of the geometry, in words."""
+    """A geometric term in words."""
     own = names.terms[name][0]
     cone = ', the cone error' if names.axes[0] == 'hour angle' else ''
     return {'IA': f'zero of the {names.axes[0]}', 'IE': f'zero of the {names.axes[1]}',
@@ -124,7 +124,7 @@ def _what(name, names):
 
 
 def _lean(values, names, south):
-    """How far the first axis is from where it belongs, and which way; '' where it is not known."""
+    """Size and direction of the tilt of the first axis; '' if unknown."""
     if not {'AN', 'AW'} <= set(values) or names.axes[0] not in ('azimuth', 'hour angle'):
         return ''
     north, west = (values[own]['value_arcsec'] for own in ('AN', 'AW'))
@@ -134,7 +134,7 @@ def _lean(values, names, south):
         ways = (('north', 'south')[north < 0.0], ('west', 'east')[west < 0.0])
         text = 'tilts {} to the {} ({}) and {} to the {} ({})'
     else:
-        # the end that is above the horizon; of MA the sign is that of the pole itself
+        # for the end above the horizon; the sign of MA refers to the pole itself
         north, west = (-one if south else one for one in (north, -west))
         ways = (('high', 'low')[north < 0.0], ('west', 'east')[west < 0.0])
         text = 'points {} too {} ({}) and {} {} of the pole ({})'
@@ -142,7 +142,7 @@ def _lean(values, names, south):
 
 
 def _size(value):
-    """Arcseconds, of more than some of them minutes."""
+    """An angle in arcsec, or in arcmin from 100 arcsec on."""
     value = abs(value)
     return f'{value / 60.0:.1f}\u2032' if value >= 100.0 else f'{value:.0f}\u2033'
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the stars of a run were missed by, before and after, for every page."""
+"""Residuals of the stars of a run, before and after, for all pages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,44 +28,44 @@ from .sky_map import grid_of
 
 @dataclass
 class Residuals:
-    """Rows of a run, and what each was missed by, before and after.
+    """Rows of a run with their residuals before and after.
 
     Attributes
     ----------
     names : sequence of str
-        Of each row.
+        Name of each row.
     az, el : ndarray, shape (n,)
-        On the horizon, rad.
+        Horizontal coordinates, rad.
     before, after : ndarray, shape (2, n)
-        x and y on the sky, arcsec; NaN where it is not known.
+        x and y on the sky, arcsec; NaN: unknown.
     used : ndarray of bool, shape (n,)
-        What counts in the RMS; the others are drawn as crosses.
+        Rows included in the RMS; the others are drawn as crosses.
     words : sequence of str
-        Of each row, what became of it, and why.
+        Whether each row was used, or why not.
     axes : tuple of str
-        What x and y are.
+        Names of x and y.
     time : ndarray, shape (n,), optional
-        UTC, s; None or NaN: not known.
+        UTC, s; None or NaN: unknown.
     groups : ndarray, shape (n,), optional
-        To which power-on, night or run each row belongs.
+        Power-on, night or run of each row.
     group_word : str
         Which of these.
     noise : tuple of float, optional
         1 sigma of x and y, arcsec.
     before_text, after_text : str
-        What was applied.
+        The corrections applied.
     turned : ndarray, shape (2, 2, n), optional
         Components toward azimuth and elevation of x and y; None: the same.
     places : tuple of ndarray, optional
         Angles of the two axes, rad; by default azimuth and elevation.
     place_words : tuple of str
-        What those are called.
+        Names of these angles.
     utc : bool
-        Whether times are UTC, and not since an arbitrary start.
+        Whether times are UTC rather than since an arbitrary start.
     noise_text : str
-        What `noise` is called: more than noise where something else is in it.
+        Label of `noise`, which may include more than noise.
     grid : tuple, optional
-        Where the axes of the mount stand on the sky; None: as those of the map.
+        Coordinate grid of the mount on the sky, see `sky_map.grid_of`; None: that of the map.
     """
 
     names: Sequence
@@ -108,11 +108,11 @@ class Residuals:
         return self.before if when == 'before' else self.after
 
     def text_of(self, when):
-        """What was applied."""
+        """The corrections applied."""
         return self.before_text if when == 'before' else self.after_text
 
     def radial(self, when, rows=slice(None)):
-        """Radial RMS of what counts, arcsec; None of nothing."""
+        """Radial RMS of the used rows, arcsec; None if there are none."""
         some = np.zeros(len(self), bool)
         some[rows] = True
         some &= self.used
@@ -120,7 +120,7 @@ class Residuals:
 
     @property
     def order(self):
-        """What the rows are drawn against in order: values, and what they are."""
+        """Time or row number for the x axis of plots: values and label."""
         if self.time is None:
             return np.arange(1.0, len(self) + 1.0), 'row'
         begin = float(np.nanmin(self.time))
@@ -138,7 +138,7 @@ def run_residuals(run, names, before, after, used, words=(), **more):
     ----------
     run : PointingRun
     names, before, after, used, words, **more
-        As of `Residuals`.
+        See `Residuals`.
     """
     mount, places = run.mount, (run['az'], run['el'])
     az, el = places
@@ -161,7 +161,7 @@ def turned(own, az, el):
 
 
 def _keys(time, n):
-    """A short name of each row, the same in all plots of a page."""
+    """A short key for each row, the same in all plots of a page."""
     if time is not None and np.isfinite(time).all():
         short = np.round(np.asarray(time) * 10.0).astype(np.int64) % 36**5
         if len(np.unique(short)) == n:

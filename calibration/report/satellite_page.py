@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tracks of satellites for people: the table of arcs, and the page with a curve of each."""
+"""Tracks of satellites: terminal table of the arcs, and the page with a plot of each."""
 
 from datetime import datetime, timezone
 
@@ -27,7 +27,7 @@ from .page_html import body_of, whole
 from .provenance import provenance_section
 from .terminal_tables import new_table
 
-#: arcs whose curves are on the page
+#: largest number of arcs plotted on the page
 _MOST = 24
 _BOX, _SIZE = (52, 26, 378, 130), (446, 204)
 
@@ -57,7 +57,7 @@ def _cells(arc):
 
 
 def headline_of(document):
-    """The first line of the page: how good the model is, or that there is none."""
+    """The headline of the page: accuracy of the model, or that there is none."""
     names = ', '.join(one['name'] for one in document['satellites'])
     if not document['determined']:
         return f'Tracks of {names} do not determine the terms'
@@ -72,11 +72,11 @@ def render_tracks(fit, document, diagnosis, files):
     ----------
     fit : satellites.track_fit.TrackFit
     document : dict
-        `track_document` of it, with sentences in the place of findings.
+        Its `track_document`, with findings replaced by sentences.
     diagnosis : view of a diagnosis, or None
-        Of what is left.
+        Diagnosis of the residuals.
     files : iterable of Path
-        From which it is made.
+        Input files.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def render_tracks(fit, document, diagnosis, files):
 
 
 def _separated(one):
-    """Whether a time along the orbit is; not asked where the orbit is precise."""
+    """Whether the along-track time of a satellite is separated; None if its orbit is precise."""
     return None if one['ahead_sigma_s'] < 1e-4 else 'yes' if one['separated'] else 'no'
 
 
@@ -133,7 +133,7 @@ def _diagnosis_page(view, files):
 
 
 def _curves(fit, mount):
-    """Drawings of each arc of a satellite, the first of them."""
+    """Plots of the satellite arcs, at most `_MOST` of them."""
     tracks, out = fit.tracks, []
     time = np.asarray(tracks.run['time'], float)
     zeros = {name: fit.model.terms.get(name, 0.0) for name in mount.index}

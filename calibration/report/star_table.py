@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every row of a run as a table that sorts, and whose rows light up in the plots."""
+"""Sortable table of all rows of a run, linked to the plots."""
 
 from datetime import datetime, timezone
 
@@ -22,19 +22,19 @@ from . import page_parts as page
 from .number_wording import group_name
 
 WHENS = ('before', 'after')
-#: rows of the table
+#: largest number of rows of the table
 MAX_TABLE = 1500
 _STAR = 'star'
 
 
 def stars_table(data):
-    """Every row, the worst first; it sorts by any column, and its rows light up in the plots."""
+    """Table of all rows, worst first; sortable by any column, rows are highlighted in the plots."""
     if not len(data.used):
         return page.Paragraph('There is no row.')
     size = np.hypot(*data.after)
     order = np.argsort(-np.where(np.isfinite(size), size, -1.0), kind='stable')[:MAX_TABLE]
     first, second = (word.split(' × ')[0] for word in data.axes)
-    # what stands before every name is said once
+    # a prefix common to all names goes to the header
     word, names = _shared_word(data.names)
     head = [word, data.group_word if data.groups is not None else None,
             None if data.time is None else 'UTC' if data.utc else 'time s',
@@ -61,7 +61,7 @@ def stars_table(data):
 
 
 def _shared_word(names):
-    """What stands before all names, and the rest of each; 'star' where they differ."""
+    """The first word common to all names, and the rest of each; 'star' if they differ."""
     parts = [str(name).partition(' ') for name in names]
     words = {word if rest else '' for word, _, rest in parts}
     one = next(iter(words)) if len(words) == 1 else ''

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a terminal shows first, 24 lines of 80 columns; tables in which no number is ever cut."""
+"""Terminal output: at most 24 lines of 80 columns first; tables that never cut a number."""
 
 from io import StringIO
 from textwrap import wrap
@@ -25,21 +25,21 @@ from rich.text import Text
 
 from msg_tools.terminal_signs import spelled
 
-#: of a terminal, whatever is written into a page beside
+#: assumed size of the terminal
 LINES, COLUMNS = 24, 80
 MORE = '{} more: --verbose'
 #: spaces between two columns, and on the left of a table
 _GAP, _MARGIN = 3, 1
-#: a column of words is not made narrower than this before the table is stacked
+#: smallest width of a column of words before the table is stacked
 _WORDS = 14
 
 
 class TerminalTable(Table):
-    """A `rich` table that folds its words, and then its columns, rather than cut a number.
+    """A `rich` table that wraps words, and then stacks its columns, rather than cut a number.
 
-    As wide as it likes where there is room. Where there is not, headers and columns of words are
-    broken at their spaces; where that is not enough each row becomes a paragraph: what it is, and
-    below it the name of each column with its value.
+    It has its natural width if there is room. Otherwise headers and columns of words are wrapped at
+    spaces. If that is not enough, each row becomes a paragraph: its first cell, and below it the
+    header and value of each other column.
     """
 
     def __rich_console__(self, console, options):
@@ -63,7 +63,7 @@ class TerminalTable(Table):
 
 
 class _Column:
-    """How wide the cells of a column are, and how narrow they may become."""
+    """Natural and smallest width of a column."""
 
     def __init__(self, cells):
         header, *body = cells
@@ -80,25 +80,25 @@ def _width(cell):
 
 
 def _is_words(cell):
-    """Whether a cell may be broken at its spaces: it has two words with letters."""
+    """Whether a cell may be wrapped at spaces: it has at least two words with letters."""
     return sum(any(sign.isalpha() for sign in word) for word in cell.split()) > 1
 
 
 def _folded(columns, room):
-    """Widths with which all columns go into `room`, the widest made narrower first; or None."""
+    """Widths with which all columns fit in `room`, shrinking the widest first; or None."""
     widths = [column.natural for column in columns]
     while sum(widths) > room:
         able = [i for i, column in enumerate(columns) if widths[i] > column.least]
         if not able:
             return None
-        # headers of numbers before words: they lose nothing by a second line
+        # wrap headers of numbers before words: a second line does no harm there
         widest = max(able, key=lambda i: (not columns[i].words, widths[i]))
         widths[widest] -= 1
     return widths
 
 
 def _as_wide_as(title, widths, room):
-    """Widths of a table that is as wide as its title: each column has a share."""
+    """Widths of a table widened to the width of its title, in proportion."""
     missing = min(title - _GAP * (len(widths) - 1), room) - sum(widths)
     total = sum(widths)
     out = []
@@ -110,13 +110,13 @@ def _as_wide_as(title, widths, room):
 
 
 def _laid_out(cells, widths, columns, console):
-    """Lines of a table: header, rule, rows; without blanks at their ends."""
+    """Lines of a table: header, rule, rows; without trailing blanks."""
     rows = list(zip(*cells))
     total = _MARGIN + sum(widths) + _GAP * (len(widths) - 1)
     for number, row in enumerate(rows):
         parts = [_broken(cell, width, console) for cell, width in zip(row, widths)]
         height = max(map(len, parts))
-        if number == 0:  # headers stand on the rule
+        if number == 0:  # align headers to the rule
             parts = [[''] * (height - len(part)) + part for part in parts]
         for i in range(height):
             line = ' ' * _MARGIN + (' ' * _GAP).join(
@@ -135,14 +135,14 @@ def _justified(text, width, justify):
 
 
 def _broken(cell, width, console):
-    """The lines of a cell; one that has room keeps the blanks that it is laid out with."""
+    """The wrapped lines of a cell; lines that fit keep their blanks."""
     return [line for part in cell.split('\n') for line in (
         [part] if cell_len(part) <= width else
         [text.plain.rstrip() for text in Text(' '.join(part.split())).wrap(console, width)])]
 
 
 def _stacked(title, cells, width, encoding):
-    """Each row as a paragraph: the first cell, below it header and value of the others."""
+    """Each row as a paragraph: the first cell, and below it header and value of the others."""
     if title:
         yield Text(spelled(str(title), encoding), style='bold')
     headers = [column[0] for column in cells]
@@ -169,7 +169,7 @@ def _is_number(cell):
 
 
 def height_of(part):
-    """Lines of a text or table on a terminal of 80 columns."""
+    """Number of lines of a text or table on a terminal of 80 columns."""
     if isinstance(part, str):
         return sum(len(wrap(line, COLUMNS)) or 1 for line in part.split('\n'))
     console = Console(file=StringIO(), width=COLUMNS, markup=False, emoji=False, highlight=False)
@@ -178,25 +178,25 @@ def height_of(part):
 
 
 def layered(first, more=(), verbose=False, files=0, rest=()):
-    """Parts of a result that are printed.
+    """Select the parts of a result to print.
 
     Parameters
     ----------
     first : list
-        What is always printed: texts and tables.
+        Texts and tables that are always printed.
     more : list
-        What comes after it, the most important first: without `verbose` what has room.
+        Parts printed after them, most important first; without `verbose` as many as fit.
     verbose : bool
         Print all.
     files : int
-        Lines that are printed after it: names of files.
+        Number of lines printed afterwards: names of files.
     rest : list
-        What is printed only with `verbose`.
+        Parts printed only with `verbose`.
 
     Returns
     -------
     list
-        Of these parts; at its end a line that counts what is left out.
+        Parts to print, and a last line with the number of omitted parts.
     """
     first, more, rest = ([part for part in parts if part] for parts in (first, more, rest))
     if verbose:
@@ -204,7 +204,7 @@ def layered(first, more=(), verbose=False, files=0, rest=()):
     room = LINES - files - sum(map(height_of, first))
     heights, shown = list(map(height_of, more)), []
     for i, part in enumerate(more):
-        # the last line counts those left out, if there are any
+        # reserve the last line for the number of omitted parts, if any
         line = bool(rest) or len(shown) < i or i + 1 < len(more)
         if heights[i] + line <= room:
             shown.append(part)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of a run that was tracked: misses in time, innovations, terms in hindsight."""
+"""The page of a tracked run: errors in time, innovations, smoothed terms."""
 
 from datetime import datetime, timezone
 from pathlib import Path
@@ -30,7 +30,7 @@ from .provenance import provenance_section
 from .wording import worded
 
 _WIDTH = 940
-#: standard errors from which on a term has moved, and a model is better
+#: standard errors from which a term has moved, and from which a model is better
 _CLEAR, _BETTER = 3.0, 2.0
 
 
@@ -41,7 +41,7 @@ def render_track(tracked, files):
     ----------
     tracked : run_track.TrackedRun
     files : iterable of Path
-        From which it is made.
+        Input files.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def render_track(tracked, files):
 
 
 def _largest(tracked, missed, files):
-    """Terms that moved, and which model to point with."""
+    """Terms that moved, and a recommendation which model to use."""
     back, mount, lines = tracked.smoothed, tracked.model.mount, []
     known = terms_of(mount)
     for i, name in enumerate(back.names):
@@ -95,7 +95,7 @@ def _largest(tracked, missed, files):
                                    [f'moves: {cause}'], check))
     fixed, adaptive = missed['model of the evening'], missed['tracked']
     squares = np.sum(tracked.evening**2 - tracked.live**2, axis=1) / ARCSEC**2
-    # of the difference of two roots
+    # standard error of the difference of the two RMS
     error = float(np.std(squares)) / len(squares)**0.5 / max(fixed + adaptive, 1e-9)
     better, size = fixed - adaptive > _BETTER * error, f'{adaptive - fixed:+.2f} ± {error:.2f}″'
     advice = (f'The adaptive model is {"better" if better else "not clearly better"} ({size} RMS): '
@@ -125,18 +125,18 @@ def _wide(drawing):
 
 
 def innovations_figure(squares):
-    """Distribution of normalised innovations squared, beside what an honest filter has.
+    """Distribution of normalised innovations squared, with that of a consistent filter.
 
     Parameters
     ----------
     squares : array_like, shape (n,)
-        NIS of each star: chi squared with two degrees of freedom, where the filter is honest.
+        NIS of each star: chi squared with two degrees of freedom for a consistent filter.
 
     Returns
     -------
     FigurePair or None
     """
-    from scipy.special import chdtr, chdtri  # a quarter of a second, for tracked nights alone
+    from scipy.special import chdtr, chdtri  # takes 0.25 s to load, so for tracked nights only
 
     nis = np.asarray(squares, float)
     if not nis.size:
@@ -172,7 +172,7 @@ def _term(tracked, hours, i):
 
 
 def tracking_lines(document):
-    """Lines of the document of `tracked_night.TrackedNight`.
+    """Summary lines from the document of `tracked_night.TrackedNight`.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for a tracked night: what a measurement made known, and how well the filter predicts."""
+"""Words for a tracked night: results of each measurement, and consistency of the filter."""
 
 
 def _filter_consistency(found):
@@ -66,7 +66,7 @@ KINDS = {
 
 
 def last_update(night):
-    """What the last star of a `TrackedNight` made known, for people."""
+    """Result of the last star of a `TrackedNight`, for users."""
     expected = night.document()['expected_arcsec']
     return '; '.join([
         f'{night.stars} stars tracked; expected {expected["now"]:.2f} arcsec now, '
