@@ -12,24 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which covariates a short series follows: exact tests by permutation of its epochs.
+"""Which covariates a short series depends on: exact tests by permutation of its epochs.
 
-A few epochs, such as nights, are too few for the tables of a textbook, and a zero that walks from
-night to night looks like a temperature that changes with the season. So every set of one or two
-covariates is tried in three views, and what is claimed holds in each of them:
+A few epochs, such as nights, are too few for asymptotic tests, and a zero that follows a random
+walk from night to night resembles a temperature that changes with the season. So every set of one
+or two covariates is tested in three views, and a claimed cause must be significant in each:
 
 ``levels``
-    The series as it is. Exact where it scatters from epoch to epoch, and, whatever it does, where
-    the covariate does.
+    The series itself. Exact where the series is independent from epoch to epoch, or, whatever the
+    series, where the covariate is.
 ``steady drift taken out``
-    What both leave of a straight line in time. For a series that scatters about a drift.
+    Residuals of both from a straight line in time. For independent scatter about a drift.
 ``differences``
-    From each epoch to the next, less their mean. Exact where the series walks: then these scatter.
+    From each epoch to the next, less their mean. Exact for a random walk: its steps are
+    independent.
 
-In each view the epochs of the series are permuted, both axes together, and the best fit of any set
-to any axis is what every fit is compared with (Westfall & Young 1993, the step-wise maximum of
-p-values): a p holds for all covariates and both axes at once. Where epochs have errors of their
-own, what is permuted and fitted are values in units of their scatter.
+In each view the epochs of the series are permuted, both axes together, and every fit is compared
+with the best fit of any set to any axis (Westfall & Young 1993, step-wise max-T): p is family-wise
+over all covariates and both axes. Where epochs have errors of their own, values are permuted and
+fitted in units of their scatter.
 """
 
 from itertools import combinations, permutations
@@ -41,28 +42,28 @@ import numpy as np
 from .extra_scatter import whitening
 from .step_scan import two_sided
 
-#: covariates that are tried at once: two, of a dozen epochs
+#: most covariates in a set: a dozen epochs allow two
 MOST = 2
-#: equal up to rounding counts as reached
+#: relative rounding error: a permutation this close counts as reaching the statistic
 _ROUNDING = 1e-9
-#: length of a unit column beside others from where it depends on them
+#: remaining length of a unit column, others projected out, below which it depends on them
 _DEPENDENT = 1e-6
 
 
 class CovariateChoice(NamedTuple):
-    """What the series of each axis follows.
+    """The covariates that the series of each axis depends on.
 
     Attributes
     ----------
     causes : tuple of tuple of int
-        Of each axis the covariates that are claimed, by their place; empty where none is.
+        Indices of the covariates claimed for each axis; empty where none is.
     alike : tuple of tuple of int
-        Covariates that do as well in their place: nothing is claimed, and these and the ones above
-        are what cannot be distinguished.
+        Covariates that cannot be distinguished: the best set and those that fit as well in its
+        place. Then none is claimed.
     trend : tuple of tuple of int
-        Covariates that the levels follow, but not the other views.
+        Covariates significant in the levels, but not in the other views.
     p : ndarray, shape (2,)
-        Of the best set of each axis over all views, covariates and both axes.
+        Family-wise p of the best set of each axis: the largest of the three views.
     p_levels : ndarray, shape (2,)
         The same of the levels alone.
     """
@@ -75,7 +76,7 @@ class CovariateChoice(NamedTuple):
 
 
 def fewest_epochs(alpha):
-    """From how many on a p of `alpha` can be reached at all, differences included."""
+    """Fewest epochs with which p can be as small as `alpha` in all views."""
     n = 5  # a straight line, a covariate and two epochs more
     while factorial(n - 1) * alpha < 1.0:
         n += 1
@@ -83,24 +84,24 @@ def fewest_epochs(alpha):
 
 
 def choose_covariates(series, covariates, when, alpha, count=999, seed=1, *, variances=None):
-    """What the series of both axes follow.
+    """Find the covariates that the series of both axes depend on.
 
     Parameters
     ----------
     series : ndarray, shape (n, 2)
         In order of time; in any unit.
     covariates : ndarray, shape (m, n, 2)
-        Values of each, as each axis has it; finite. One that is constant explains nothing.
+        Values of each covariate for each axis; finite. A constant one explains nothing.
     when : ndarray, shape (n,)
-        Times of the epochs, rising.
+        Times of the epochs, ascending.
     alpha : float
-        Chance that series which follow nothing are given a cause, in either axis.
+        Family-wise error rate: probability of any cause, on either axis, if there is none.
     count : int
-        Permutations beside the order as it was; all of them where there are no more.
+        Number of random permutations; all permutations if there are no more.
     seed : int
-        Of their choice.
+        Seed of the permutations.
     variances : ndarray, shape (n, 2), optional
-        Of the errors of the series; by default all epochs weigh the same.
+        Variances of the errors of the series; by default all epochs have the same weight.
 
     Returns
     -------
@@ -132,13 +133,13 @@ def choose_covariates(series, covariates, when, alpha, count=999, seed=1, *, var
 
 
 def _causes(views, sets, order, p_all, axis, alpha):
-    """The covariates that an axis follows, and those that would do as well."""
+    """The covariates that an axis depends on, and those that would fit as well."""
     m = sets[-1][-1] + 1
     for s in order:
         if p_all[s] > alpha:
             continue
         chosen = sets[s]
-        # each must be needed beside the other
+        # each must be significant with the other in the model
         if len(chosen) > 1 and any(
                 max(view.partial_p(one, chosen, axis) for view in views) > alpha / m
                 for one in chosen):
@@ -155,10 +156,10 @@ def _causes(views, sets, order, p_all, axis, alpha):
 
 
 class _View:
-    """Series (n, 2), covariates (m, n, 2) and a curve (n,) to be taken out of both, or None.
+    """Series (n, 2), covariates (m, n, 2) and a curve (n,) to project out of both, or None.
 
-    All in units of the scatter of each epoch, by the variances of the errors of the epochs, (n, 2)
-    or, of differences, (n + 1, 2).
+    All are whitened by the scatter of each epoch, from the variances of the errors: (n, 2), or
+    (n + 1, 2) for differences.
     """
 
     def __init__(self, series, covariates, curve, sets, variances):
@@ -169,7 +170,7 @@ class _View:
             taken_out = np.column_stack([taken_out, curve])
         self._free = n - taken_out.shape[1]
         columns = np.moveaxis(covariates, 0, 1)  # n, m, axis
-        self._taken_out = []  # of each axis, orthonormal, (n, 1 or 2)
+        self._taken_out = []  # orthonormal, (n, 1 or 2), for each axis
         self._series, self._columns = np.empty((n, 2)), np.empty(columns.shape)
         for axis in range(2):
             own = columns[..., axis]
@@ -181,10 +182,10 @@ class _View:
             self._columns[..., axis] = self._without(alike @ own, axis)
         self._columns /= np.maximum(np.linalg.norm(self._columns, axis=0), 1e-300)
         self._sizes = np.array([len(s) for s in sets])
-        #: of each axis and set orthonormal directions, none where one depends on others
+        #: orthonormal directions of each set, for each axis; zero where a column depends on others
         self._directions = [np.stack([_orthonormal(self._columns[:, s, axis]) for s in sets], 1)
                             for axis in range(2)]
-        #: of the textbook's F test of each set and axis
+        #: ln p of the ordinary F test of each set and axis
         self.log_p = np.stack([self._log_p(self._shares(self._series[:, axis], axis), self._sizes)
                                for axis in range(2)], axis=-1)
 
@@ -193,15 +194,15 @@ class _View:
         return values - out @ (out.T @ values)
 
     def _shares(self, values, axis):
-        """Of `values` (..., n) explained by each set, (..., sets)."""
+        """Fraction of the variance of `values` (..., n) explained by each set, (..., sets)."""
         parts = np.square(np.tensordot(values, self._directions[axis], axes=1)).sum(axis=-1)
         total = np.sum(np.square(values), axis=-1) - np.square(
             values @ self._taken_out[axis]).sum(axis=-1)
-        # what does not move follows nothing
+        # constant values are explained by nothing
         return parts / np.maximum(total, 1e-300)[..., None]
 
     def _log_p(self, shares, sizes):
-        """Of F(size, free - size)."""
+        """ln p of the F test with (size, free - size) degrees of freedom."""
         from scipy.special import betainc
         dof = self._free - sizes
         with np.errstate(divide='ignore'):
@@ -209,7 +210,7 @@ class _View:
                 0.5 * dof, 0.5 * sizes, np.clip(1.0 - shares, 0.0, 1.0))), -600.0)
 
     def p_values(self, count, seed):
-        """Of each set and axis, against the best of all in permuted epochs: (sets, 2)."""
+        """Family-wise p of each set and axis, (sets, 2), from the best of all in permutations."""
         rows, exact = _orders(len(self._series), count, seed)
         best = np.zeros(len(rows))
         for axis in range(2):
@@ -221,7 +222,7 @@ class _View:
         return reached / len(rows) if exact else (1.0 + reached) / (1.0 + len(rows))
 
     def partial_p(self, one, beside, axis):
-        """Of Student's t of a covariate beside others (`beside` holds it too), two-sided."""
+        """Two-sided p of a covariate with others in the model (`beside` contains it too)."""
         dof = self._free - len(beside)
         if dof < 1:
             return 1.0
@@ -237,7 +238,7 @@ class _View:
 
 
 def _orthonormal(columns):
-    """Of unit columns (n, k), to (n, `MOST`): zeros where one depends on those before it."""
+    """Orthonormal columns (n, `MOST`) of unit columns (n, k); zero where one depends on others."""
     out = np.zeros((len(columns), MOST))
     for k, column in enumerate(columns.T):
         rest = column - out @ (out.T @ column)
@@ -247,7 +248,7 @@ def _orthonormal(columns):
 
 
 def _orders(n, count, seed):
-    """Orders of n epochs, and whether these are all."""
+    """Permutations of n epochs, and whether these are all."""
     if n <= 8 and factorial(n) <= count + 1:
         return np.array(list(permutations(range(n)))), True
     rng = np.random.default_rng((seed, n))

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How coefficients go on from row to row: constant, random walk, exponential memory, jump.
+"""How coefficients change with time: constant, random walk, exponential memory, jump.
 
-A dynamics answers one question: what does a stretch of time do to the coefficients that have it
-(`over`)? They are multiplied by a matrix, and a covariance is added to what is known of them. So a
-new one is a class with that one method, and needs no change of the solver (`kalman`).
+A dynamics model has one method, `over`: the transition of the state over a stretch of time. The
+coefficients are multiplied by a matrix, and a covariance (process noise) is added to theirs. A new
+model is a class with this method, and needs no change of the solver (`kalman`).
 """
 
 from typing import NamedTuple
@@ -25,14 +25,14 @@ import numpy as np
 
 
 class Transition(NamedTuple):
-    """What a stretch of time does to s coefficients."""
+    """Transition of s coefficients over a stretch of time."""
 
-    matrix: np.ndarray | None  # (s, s), by which they go on; None: they stay
-    added: np.ndarray  # (..., s, s), to their covariance; for several hypotheses at once
+    matrix: np.ndarray | None  # (s, s), transition matrix; None: the identity
+    added: np.ndarray  # (..., s, s), process noise; for several hypotheses at once
 
 
 class Constant:
-    """Coefficients that stay."""
+    """Coefficients that do not change."""
 
     def over(self, begin, end):
         """`Transition` from one time to a later one."""
@@ -40,9 +40,9 @@ class Constant:
 
 
 class RandomWalk(NamedTuple):
-    """Coefficients that wander."""
+    """Coefficients that follow a random walk."""
 
-    rate: np.ndarray  # (..., s, s), covariance added in a unit of time
+    rate: np.ndarray  # (..., s, s), covariance added per unit of time
 
     def over(self, begin, end):
         """`Transition` from one time to a later one."""
@@ -50,10 +50,10 @@ class RandomWalk(NamedTuple):
 
 
 class ExponentialMemory(NamedTuple):
-    """Coefficients that wander and go back to zero meanwhile (Ornstein and Uhlenbeck)."""
+    """Coefficients that drift and return to zero (Ornstein and Uhlenbeck)."""
 
-    rate: np.ndarray  # (..., s, s), covariance added in a unit of time
-    memory: np.ndarray  # (s,), time in which a coefficient goes back by a factor e; inf: never
+    rate: np.ndarray  # (..., s, s), covariance added per unit of time
+    memory: np.ndarray  # (s,), time in which a coefficient decays by a factor e; inf: never
 
     def over(self, begin, end):
         """`Transition` from one time to a later one."""
@@ -65,10 +65,10 @@ class ExponentialMemory(NamedTuple):
 
 
 class Jump(NamedTuple):
-    """Coefficients that are others from an epoch on."""
+    """Coefficients that jump at an epoch."""
 
-    epoch: float  # the first time that sees it
-    covariance: np.ndarray  # (s, s), of its size
+    epoch: float  # the first time after the jump
+    covariance: np.ndarray  # (s, s), of the size of the jump
 
     def over(self, begin, end):
         """`Transition` from one time to a later one."""
@@ -76,7 +76,7 @@ class Jump(NamedTuple):
 
 
 class Together(NamedTuple):
-    """Several dynamics of the same coefficients, which do all that these say."""
+    """Several dynamics acting on the same coefficients."""
 
     parts: list
 
@@ -88,5 +88,5 @@ class Together(NamedTuple):
             added = added + step.added
             if step.matrix is not None:
                 matrix = step.matrix if matrix is None else step.matrix @ matrix
-                # what other parts add is added at the end of the stretch
+                # process noise of the other parts is added at the end of the stretch
         return Transition(matrix, added)

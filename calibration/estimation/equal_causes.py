@@ -12,54 +12,54 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes that explain a run as well as the one that was found: within `SET_WIDTH` of the best."""
+"""Alternative causes that explain a run as well as the one found, within `SET_WIDTH` of BIC."""
 
 import numpy as np
 
 from .candidates import TIE
 from .linear_model import DISTINCT
 
-#: candidates within this BIC of the best are one set: from 6 on the evidence for one of two is
+#: candidates within this BIC of the best cannot be distinguished from it: from 6 on the evidence is
 #: "strong" (Kass and Raftery 1995, section 3.2)
 SET_WIDTH = 6.0
-#: below the set, in BIC, to where what is scanned is asked between the places that were tried: its
-#: place is not where it fits best, as that of what was found
+#: members of scans this much BIC below the set are first refined between their grid points, as the
+#: found effect was: on the grid they do not fit best
 _NEARLY = 3.0
-#: squared cosine from which two groups are the same curve: what they do not share is then below
+#: squared cosine above which two groups are the same curve: their difference is then below
 #: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
 ALIAS = 0.98
 
 
 def equal_causes(problem, choice, i, scores):
-    """What could stand in the place of one of a choice.
+    """Alternatives to one selected group.
 
     Parameters
     ----------
     problem : SelectionProblem
     choice : ModelChoice
     i : int
-        Of `choice.chosen`.
+        Index in `choice.chosen`.
     scores : Scores
-        Of its bank, with the others of the choice in the model.
+        Scores of its bank, with the other selected groups in the model.
 
     Returns
     -------
     gains : ndarray, shape (G,)
-        Of each candidate in its place; of what is scanned and nearly as good, where it fits best.
+        Gain of each candidate in its place; near-equal members of scans at their best place.
     equals : list of int
         Groups of other lines of the ranking within `SET_WIDTH` of the best.
     same : list of int
-        Of these the ones that are the same curve in this run (aliases).
+        Those of `equals` that are the same curve in this run (aliases).
     """
     bank, g = choice.chosen[i].family(problem, choice.chosen)
     every = _refined(problem, g, scores) if choice.chosen[i].plain else scores.delta_bic
     equals, same = _equals(problem, choice, i, bank, g, every), []
     if equals:
         own = scores.basis(g)
-        # what it shares nothing with, as one of the other axis, is no cause of the same
+        # not those orthogonal to it, such as on the other axis: they explain something else
         equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT
-                  # nor what holds it and more of the same driver, and fits no better; a scan has
-                  # directions, too
+                  # nor those of the same driver that contain it and fit no better; the scanned
+                  # parameters count as directions
                   and (every[k] > every[g] or bank.effects[k].driver != bank.effects[g].driver
                        or scores.dof[k] <= scores.dof[g] + bank.scan_cost[g]
                        or contained(own, scores.basis(k)) <= ALIAS)]
@@ -68,7 +68,7 @@ def equal_causes(problem, choice, i, scores):
 
 
 def overlap(a, b):
-    """How much two spans are one: smallest and largest squared cosine between them.
+    """Overlap of two spans: smallest and largest squared cosine of their principal angles.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def overlap(a, b):
 
 
 def contained(small, large):
-    """Smallest squared cosine of a span to one of more directions; 0 where it has no more.
+    """Smallest squared cosine of a span to a larger one; 0 if that has no more directions.
 
     Parameters
     ----------
@@ -92,16 +92,16 @@ def contained(small, large):
 
 
 def _cosines(a, b):
-    """Squared cosines between two spans, the largest first, and how many directions each has."""
+    """Squared cosines between two spans, largest first, and the number of directions of each."""
     a, b = (one[np.einsum('ij,ij->i', one, one) > 0.5] for one in (a, b))
     return np.square(np.linalg.svd(a @ b.T, compute_uv=False)), (len(a), len(b))
 
 
 def _refined(problem, g, scores):
-    """Gains, (G,), with what is scanned and nearly in the set of `g` where it fits best."""
+    """Gains, (G,), with near-equal members of scans refined to their best place."""
     bank, gains = scores.bank, scores.delta_bic
     out, limit = gains.copy(), gains.max() - SET_WIDTH
-    # of a line in the set the best is there already
+    # a line already in the set needs no refinement
     lines = {int(bank.line[g]), *bank.line[gains >= limit].tolist()}
     near = np.flatnonzero((gains < limit) & (gains > max(limit - _NEARLY, 0.0)))
     for k in near[np.argsort(-gains[near], kind='stable')]:
@@ -112,13 +112,13 @@ def _refined(problem, g, scores):
 
 
 def _equals(problem, choice, i, bank, g, gains):
-    """Groups of other lines that gain as much in the place of one of a choice."""
+    """Groups of other lines that gain as much in place of one selected group."""
     one = choice.chosen[i]
     others = {c.family(problem, choice.chosen)[1] for j, c in enumerate(choice.chosen)
               if j != i and (c.curve, c.period, c.of is None) == (
                   one.curve, one.period, one.of is None)}
     limit, lines, near = gains.max() - SET_WIDTH, {int(bank.line[g])}, []
-    # of two names of one curve the first, whatever the rounding
+    # of two names of one curve take the first, whatever the rounding
     for other in np.argsort(-np.round(gains / TIE), kind='stable'):
         if gains[other] < max(limit, 0.0):
             break

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a solver gives, and the linear problem of its rows that a refit takes."""
+"""The result of a solver, and its linearisation for refits without some rows."""
 
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from .undetermined_terms import Undetermined
 
 
 class Estimate(NamedTuple):
-    """What a solver gives: k coefficients of n rows."""
+    """The result of a solver: k coefficients from n rows."""
 
     coefficients: np.ndarray
     covariance: np.ndarray  # (k, k)
@@ -32,19 +32,19 @@ class Estimate(NamedTuple):
     residual: np.ndarray  # (axes * n,), x of all rows, then y; NaN where there is none
     weights: np.ndarray  # (n,), of the rows: 0 to 1
     rank: int
-    robust: bool = False  # whether rows were weighed, or where they are few judged
+    robust: bool = False  # whether rows were down-weighted or, if few, tested and rejected
     undetermined: Undetermined | None = None
     singular_values: np.ndarray | None = None  # of the first-order design, descending
     log_likelihood: float | None = None  # restricted, but for a constant
-    design: object = None  # (k, axes * n), where it ended, of the coefficients that are not held
+    design: object = None  # (k, axes * n), last design, of the coefficients not held at zero
     scatter_freedom: tuple = ()  # degrees of freedom of the scatter of each axis; one: of both
-    #: of each axis the scatter in sigmas as given, 1 where chance explains that it is another; by
-    #: what is above 1 the sigmas were multiplied
+    #: scatter of each axis over the given sigmas, 1 if not significantly different; the sigmas were
+    #: multiplied by ratios above 1
     ratios: tuple = (1.0, 1.0)
 
 
 class Linearisation(NamedTuple):
-    """Columns, residuals and weights of a fit where it ended: what a refit without rows takes.
+    """Columns, residuals and weights of a converged fit, for refits without some rows.
 
     Without rows S the coefficients move by -N^-1 sum_S J_i' W_i r_i, where N is the normal matrix
     of the rows that stay (Cook and Weisberg 1982, Residuals and Influence in Regression, section
@@ -53,18 +53,20 @@ class Linearisation(NamedTuple):
     Attributes
     ----------
     names : sequence, length k
-        Of the coefficients.
+        Names of the coefficients.
     coefficients : ndarray, shape (k,)
     columns : ndarray, shape (k, 2, n)
     residual : ndarray, shape (2, n)
     weights : ndarray, shape (2, n)
-        Of values; 0: a row that does not count.
+        Weights of values; 0: an excluded row.
     given : bool
-        The covariance is the inverse normal matrix; else the variance of each axis is measured.
+        Sigmas are given: the covariance is the inverse normal matrix. Otherwise the variance of
+        each axis is estimated.
     consistency, inflation : float
-        Of a robust loss, as in `least_squares.uncertainty_of`.
+        Corrections for a robust loss, see `least_squares.uncertainty_of`.
     scales : tuple of float
-        Of x and y, at which the loss weighs the radial distance of each row; none: it does not.
+        Scales of x and y by which the loss weights the radial distance of each row; empty: it does
+        not.
     """
 
     names: tuple
@@ -79,24 +81,23 @@ class Linearisation(NamedTuple):
 
     @classmethod
     def of(cls, names, found, rows, n, sigmas=None):
-        """Of a fit to two axes.
+        """The linearisation of a fit to two axes.
 
         Parameters
         ----------
         names : sequence
-            Of all its coefficients, those that are held too.
+            Names of all its coefficients, including those held at zero.
         found : estimate.Estimate
-            With its design.
         rows : ndarray of int, shape (m,)
-            Places of its rows among all n.
+            Indices of its rows among all n.
         n : int
         sigmas : ndarray, shape (2m,), optional
-            As given to it.
+            Sigmas given to the fit.
 
         Returns
         -------
         Linearisation or None
-            None of a fit that kept no design.
+            None if the fit kept no design.
         """
         if found.design is None:
             return None
@@ -109,7 +110,7 @@ class Linearisation(NamedTuple):
         for to, values in zip(out, (columns, found.residual, np.broadcast_to(
                 each, (2, len(rows))))):
             to[..., rows] = np.nan_to_num(values).reshape(*to.shape[:-1], len(rows))
-        # few rows are judged, and not weighed
+        # few rows are tested and kept or rejected, not down-weighted
         weighed = found.robust and not np.isin(found.weights, (0.0, 1.0)).all()
         return cls(tuple(names[i] for i in fitted), found.coefficients[fitted], *out,
                    sigmas is not None, *((LOSS.variance, LOSS.inflation, () if sigmas is not None
@@ -117,7 +118,7 @@ class Linearisation(NamedTuple):
 
 
 def _scales(found):
-    """Scales by which the rows of an `Estimate` have their weights: (r_x / s_x)^2 + ... = u^2."""
+    """Scales of x and y recovered from the weights of an `Estimate`: (r_x / s_x)^2 + ... = u^2."""
     rows = (found.weights > 0.0) & np.isfinite(found.residual).reshape(2, -1).all(axis=0)
     squares = np.square(found.residual.reshape(2, -1)[:, rows])
     size = squares.max(axis=1, initial=1e-300)

@@ -12,25 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Values that scatter beyond their sigmas: from night to night more than one of them shows."""
+"""Values with more scatter than their sigmas, such as terms from night to night."""
 
 import numpy as np
 
-_HALVINGS = 60  # of an interval that holds the extra variance
-#: chance below which a pattern of sigmas is no chance, and exchanges that give it
+_HALVINGS = 60  # bisections for the extra variance
+#: significance level of a pattern of sigmas, and permutations that give its p
 _LEVEL, _EXCHANGES = 0.05, 499
 
 
 def are_borne_out(values, design, variances):
-    """Whether values scatter more where their sigmas are larger: else these are no guide.
+    """Whether values scatter more where their sigmas are larger: otherwise these are no guide.
 
-    A line leaves less, in units of the sigmas, than with these exchanged at random. Sigmas whose
-    pattern is wrong would make causes of chance.
+    Permutation test: residuals of a line, in units of the sigmas, are smaller than with the sigmas
+    permuted at random. Sigmas with a wrong pattern would produce false causes.
 
     Parameters
     ----------
     values, design, variances
-        As of `whitening`.
+        See `whitening`.
 
     Returns
     -------
@@ -39,28 +39,29 @@ def are_borne_out(values, design, variances):
     rng = np.random.default_rng(1)
     weights = 1.0 / rng.permuted(np.tile(variances, (_EXCHANGES + 1, 1)), axis=1)
     weights[0] = 1.0 / variances
-    weighted = weights[:, :, np.newaxis] * design  # of each exchange, (n, k)
+    weighted = weights[:, :, np.newaxis] * design  # for each permutation, (n, k)
     line = np.linalg.pinv(design.T @ weighted) @ (values @ weighted)[:, :, np.newaxis]
     left = (weights * np.square(values - (design @ line)[:, :, 0])).sum(axis=1)
     return bool(np.mean(left <= left[0] * (1.0 + 1e-9)) < _LEVEL)
 
 
 def whitening(values, design, variances, differences=False):
-    """Makes the errors of values alike: given ones, and a scatter of all beyond these.
+    """Matrix that whitens values with given errors and a common extra scatter.
 
-    The extra variance is the one with which what a line leaves is as large as it should be (Paule
-    and Mandel 1982), so that sigmas that are far too small weigh nearly alike.
+    The extra variance makes the chi-squared of the residuals from a line equal to its degrees of
+    freedom (Paule and Mandel 1982), so that values with far too small sigmas get nearly equal
+    weights.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
     design : ndarray, shape (n, k)
         Columns of the line.
-    variances : ndarray, shape (n,), of differences (n + 1,)
-        Squares of the sigmas; where all are the same, nothing is changed.
+    variances : ndarray, shape (n,), or (n + 1,) for differences
+        Squares of the sigmas. If all are equal, the matrix is the identity.
     differences : bool
-        Whether the values are the differences of neighbours of what has these sigmas: two share
-        the error that is between them.
+        Whether `values` are differences of neighbours of a series with these sigmas. Successive
+        differences then share an error.
 
     Returns
     -------
@@ -69,7 +70,7 @@ def whitening(values, design, variances, differences=False):
     n, least = len(values), variances.min()
     if not np.ptp(variances) > 0.0:
         return np.eye(n)
-    # what all have in common is scatter of the values, beside the rest
+    # the smallest variance is common to all values, like the extra scatter
     rest = np.diag(variances - least)
     if differences:
         rest = np.diff(np.diff(rest, axis=0), axis=1)

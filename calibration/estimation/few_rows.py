@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Fits of few rows: which row is wrong, and how far from the truth a term may be.
+"""Outlier rejection in fits of few rows.
 
-With few degrees of freedom robust weights mislead: the noise that they rest on is estimated from
-the same few residuals, and a row that determines a term has a small one however wrong it is. Here
-a row counts in full or not at all. It is judged by the error with which a fit without it predicts
-it, over the standard error of that prediction (a deleted studentised residual, Cook and Weisberg
-1982, section 2.2), each axis by its own noise, whose degrees of freedom are Satterthwaite's
-(1946). What stands out is taken out one after the other, and as many are rejected as the last
-that is significant says (Rosner 1983), so that two wrong rows do not hide each other.
+With few degrees of freedom robust weights mislead: their noise is estimated from the same few
+residuals, and a row with high leverage has a small residual however wrong it is. Here a row counts
+in full or not at all. The test statistic is its deleted studentised residual (the error with which
+a fit without it predicts it, over the standard error of that prediction; Cook and Weisberg 1982,
+section 2.2), each axis with its own noise, whose degrees of freedom are Satterthwaite's (1946).
+Rows are removed one by one, worst first; all up to the last significant one are rejected (Rosner
+1983), so that two wrong rows do not mask each other.
 """
 
 import numpy as np
@@ -28,48 +28,49 @@ import numpy as np
 from .least_squares import satterthwaite
 from .step_scan import two_sided
 
-#: degrees of freedom below which 95 % are not within two sigmas, and rows may be few
+#: degrees of freedom below which rows may be few: 2 sigma then cover less than 95 %
 FEW = 30
-#: degrees of freedom a coefficient up to which robust weights mislead (`are_few`): they reject a
-#: good row of 6 in 7 % of runs, of 8 in 2 % with seven terms, of 5 in 7 % with two zeros
+#: degrees of freedom for each coefficient up to which robust weights mislead (`are_few`): they
+#: reject a good row of 6 in 7 % of runs, of 8 in 2 % with seven terms, of 5 in 7 % with two zeros
 _FEW_EACH = 4
-#: chance that a fit to rows of normal noise rejects any, by Bonferroni over rows and axes; 0.01
-#: finds no more wrong stars of 60 sigma, and rejects three times as many good ones of t(4) noise
+#: family-wise probability that a fit with normal noise rejects any row, by Bonferroni over rows and
+#: axes; 0.01 finds no more wrong stars of 60 sigma, and rejects three times as many good ones of
+#: t(4) noise
 LEVEL = 0.002
-#: degrees of freedom of an axis without the row, from which that axis tells of it. With seven
-#: terms that is from 8 rows on. From 1.5 on, a wrong row of 6 is found in 4 runs of 10, and 9 % of
-#: the terms are beyond their 95 %
+#: degrees of freedom of an axis, without the row, that its test needs. With seven terms that takes
+#: 8 rows. With 1.5, a wrong row of 6 is found in 4 runs of 10, and 9 % of the terms are outside
+#: their 95 % intervals
 LEAST = 3.0
-#: part of the rows that may be wrong, but always one
+#: part of the rows that may be rejected, at least one row
 PART = 0.25
 
-_ALONE = 1e-6  # of the determinant of a row's own freedom: below it nothing else tells of the row
+_ALONE = 1e-6  # determinant of a row's block of I - H: below it no other row constrains the row
 _RCOND = 1e-9
 
 
 def are_few(dof, rank):
-    """Whether rows are to be tested and not weighed, by a fit's degrees of freedom and rank."""
+    """Whether rows must be tested rather than down-weighted, by degrees of freedom and rank."""
     return dof < FEW and dof <= _FEW_EACH * rank
 
 
 def kept_rows(rows, b, base=None, least_noise=0.0):
-    """Which rows of a fit of few stand the test.
+    """Rows of a fit of few rows that pass the outlier test.
 
     Parameters
     ----------
     rows : ndarray, shape (k, 2n)
         The design; x of all rows, then y.
     b : ndarray, shape (2n,)
-        What it is fitted to.
+        Fitted values.
     base : ndarray, shape (2n,), or None
-        Weights; 0: the row is not there.
+        Weights; 0: an excluded row.
     least_noise : float
-        Of an axis (in the unit of `b` times the root of the weights): below it nothing is wrong.
+        Least noise of an axis, in the unit of `b` times the root of the weights.
 
     Returns
     -------
     ndarray of bool, shape (n,), or None
-        None where the rows are so few that none could be judged.
+        None where there are too few rows to test any.
     """
     n = len(b) // 2
     keep = np.ones(n, bool)
@@ -94,7 +95,7 @@ def kept_rows(rows, b, base=None, least_noise=0.0):
 
 
 def _chances(design, b, least_noise):
-    """Of each row the chance that noise makes it stand out so; infinite where nothing tells."""
+    """The p of each row, of the worse axis; infinite where it cannot be tested."""
     n = len(b) // 2
     u, s, _ = np.linalg.svd(design / np.maximum(np.linalg.norm(design, axis=0), 1e-300),
                             full_matrices=False)
@@ -106,7 +107,7 @@ def _chances(design, b, least_noise):
     inverse = np.linalg.inv(np.where(usable[:, None, None], blocks, np.eye(2)))
     error_of = inverse @ free[own].transpose(1, 0, 2)  # (n, 2, 2n): error predicted = this @ b
     error = error_of @ b
-    # what a fit without the row leaves of the others, and the freedom that it leaves each
+    # residuals of the others by a fit without the row, and their degrees of freedom
     left = free @ b - np.einsum('pai,ia->ip', free[:, own], error)
     freedom = np.diag(free) - np.einsum('pai,iap->ip', free[:, own], error_of)
     freedom = freedom.reshape(n, 2, n).sum(axis=2)

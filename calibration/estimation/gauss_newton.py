@@ -12,15 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The direct solver: robust least squares of what is curved, by Gauss and Newton's iteration.
+"""The direct solver: robust nonlinear least squares by Gauss-Newton iteration.
 
-Each round takes the exact residuals and the columns where the coefficients are, weighs the rows
-(Huber's weights to find the noise of each axis, the loss of the radial distance at that noise)
-and solves. It ends where the exact residuals are those that the last solution told.
+Each iteration takes the exact residuals and the derivatives at the current coefficients, weights
+the rows (Huber's weights to find the noise of each axis, then the loss of the radial distance at
+that noise) and solves. It has converged when the exact residuals equal those predicted by the last
+linear solution.
 
-What the rows do not determine is held at zero (`undetermined_terms.Undetermined`), and what they
-determine so badly that the noise takes it beyond the range in which anything is linear (`is_bent`):
-there the iteration runs along a curved valley, and a standard error means nothing.
+Undetermined coefficients are held at zero (`undetermined_terms.Undetermined`). So are those
+determined so badly that noise moves them beyond the linear range (`is_bent`): there the iteration
+runs along a curved valley, and a standard error means nothing.
 """
 
 import numpy as np
@@ -32,19 +33,19 @@ from .few_rows import are_few, kept_rows
 from .least_squares import TOLERANCE, System, spectrum_of, uncertainty_of, weights_together
 from .undetermined_terms import INNER, WEAK, Undetermined, is_bent
 
-#: between the exact residuals of the result and those of its linearisation
+#: largest difference between exact residuals and those of the linearisation at convergence
 EXACT = 1e-7 * ARCSEC
-#: rounds of a fit
+#: most iterations of a fit
 _MOST = 30
-#: of the noise: a linearisation that is wrong by more gives no noise to weigh by
+#: error of the linearisation, over the noise, above which the noise is estimated again
 _WRONG = 1e-3
-#: chance that noise of the given sigmas makes an axis scatter more, or less (of 1000 runs with
-#: right sigmas 5 are found wrong; of 8 rows 8); and part of the sigmas that is far less
+#: p below which the scatter of an axis disagrees with the given sigmas (this rejects right sigmas
+#: in 5 of 1000 runs; with 8 rows in 8); ratio of scatter to sigmas that counts as far too small
 _BY_CHANCE, _FAR_LESS = 0.002, 1.0 / 1.5
 
 
 class LinearProblem:
-    """What `gauss_newton` iterates where the columns are the same everywhere.
+    """A linear problem for `gauss_newton`: constant columns.
 
     Parameters
     ----------
@@ -58,19 +59,19 @@ class LinearProblem:
         self.observed, self.first_order = observed, design
 
     def residual(self, p):
-        """Exact residual, shape (2n,), at coefficients p; NaN where the model has none."""
+        """Exact residuals, shape (2n,), at coefficients p; NaN where the model is undefined."""
         return self.observed - p @ self.first_order if p.any() else self.observed
 
     def columns(self):
-        """Derivatives where `residual` was last asked for, shape (k, 2n)."""
+        """Derivatives at the coefficients of the last call of `residual`, shape (k, 2n)."""
         return self.first_order
 
 
 def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None, most_iterations=_MOST):
     """Iterate to the (robust) least-squares solution.
 
-    What the stars determine is decided by the first-order design: in the second order aliases
-    differ a little, and the iteration would run away along them.
+    The first-order design decides which coefficients are determined: to second order aliases
+    differ a little, and the iteration would diverge along them.
 
     Parameters
     ----------
@@ -80,12 +81,12 @@ def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None, most_iterat
         None: least squares.
     rcond : float
     mild : ndarray, shape (2n,), optional
-        The sigmas to decide by what is determined; by default `sigmas`.
+        Sigmas used to decide which coefficients are determined; by default `sigmas`.
     last : sequence of int, optional
-        Coefficients that are held only where no others can be. Without it none is held: of a
-        series, whose coefficients mean nothing one by one, the smallest solution is taken.
+        Coefficients that are held at zero only if no others can be. Without it none is held, and
+        the minimum-norm solution is taken: for a series, whose single coefficients mean nothing.
     most_iterations : int
-        Before it is given up.
+        Most iterations.
 
     Returns
     -------
@@ -106,13 +107,13 @@ def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None, most_iterat
         if (known == (ratios <= 1.0)).all():
             return found._replace(ratios=tuple(ratios.tolist()))
         problem.residual(np.zeros(len(found.coefficients)))
-        problem.columns()  # those of the first order again
+        problem.columns()  # restores the first-order design
         times = np.repeat(np.maximum(ratios, 1.0), len(sigmas) // 2)
         sigmas, mild, known = sigmas * times, None if mild is None else mild * times, ratios <= 1.0
 
 
 def _need_rows(n, k, given):
-    """ValueError where `n` rows do not determine `k` coefficients; `given`: with sigmas."""
+    """Raise ValueError if `n` rows cannot determine `k` coefficients; `given`: with sigmas."""
     # with given sigmas the covariance needs no redundancy
     if 2 * n < k or (2 * n == k and not given) or n == 0:
         raise ValueError(
@@ -121,7 +122,7 @@ def _need_rows(n, k, given):
 
 
 def _ratios(found):
-    """Scatter of each axis in sigmas, 1 where chance explains that it is another."""
+    """Scatter of each axis over the given sigmas; 1 if not significantly different."""
     from scipy.special import chdtr, chdtrc  # slow to import
     if not 2.0 * found.weights.sum() - found.rank > 0.5:
         return np.ones(2)
@@ -133,7 +134,7 @@ def _ratios(found):
 
 
 def _determined(problem, sigmas, mild, known, loss, rcond, last, most_iterations):
-    """`gauss_newton` with sigmas that are `known` of each axis, or but for a factor."""
+    """`gauss_newton` with sigmas that are `known` for each axis, or known but for a factor."""
     k, values = problem.first_order.shape
     _need_rows(values // 2, k, sigmas is not None)
     weights, by = (None if of is None else 1.0 / np.square(of)
@@ -157,13 +158,13 @@ def _determined(problem, sigmas, mild, known, loss, rcond, last, most_iterations
 
 
 def _iterate(problem, weights, loss, rcond, spectrum, rank, last, most, known):
-    """`gauss_newton` of the best determined directions, `rank` of them."""
+    """`gauss_newton` limited to the `rank` best determined directions."""
     k, n = len(spectrum.s), problem.first_order.shape[1] // 2
     if 4 * n < 3 * k:
         loss = None
     few = are_few(2 * n - rank, rank)
     left_open = Undetermined.of(spectrum, rank, last)
-    # of the coefficients that are not held
+    # basis of the coefficients that are not held at zero
     basis = (np.eye(k)[:, left_open.fitted] if last is not None or rank == k
              else spectrum.vectors[:, k - rank:] / spectrum.scale[:, None])
     p, scales, row_weights, feasible, expected = np.zeros(k), None, None, None, None
@@ -188,7 +189,7 @@ def _iterate(problem, weights, loss, rcond, spectrum, rank, last, most, known):
             break
         system, settled = System(design, residual, present, INNER * rcond), True
         if loss and few:
-            if iteration <= 3:  # then it is settled, or the iteration need not end
+            if iteration <= 3:  # later the rows stay fixed, so that the iteration ends
                 keep = kept_rows(np.asarray(design), residual, present,
                                  TOLERANCE if weights is None else 1.0)
                 row_weights = None if keep is None else keep.astype(float)
@@ -198,7 +199,7 @@ def _iterate(problem, weights, loss, rcond, spectrum, rank, last, most, known):
             near = residual
             if scales is None or wrong > _WRONG * system.least(scales):
                 scales, near = system.noise(rank)
-            # the first linearisations will be left: their weights need not have settled
+            # weights of the first linearisations need not converge
             enough = 0.0 if problem.linear else min(1e-3 * wrong, 0.1 * system.least(scales))
             solution, row_weights = system.solve_robust(loss, scales, near,
                                                         max(TOLERANCE, enough))
@@ -211,12 +212,12 @@ def _iterate(problem, weights, loss, rcond, spectrum, rank, last, most, known):
     else:
         raise ValueError(
             'the fit does not converge; look for rows with degrees of error or fit fewer terms')
-    if solution.rank < len(solution.p):  # the robust weights took the rows that determine it
+    if solution.rank < len(solution.p):  # robust weights removed the rows that determine some
         left_open = left_open.more(Undetermined.of(spectrum_of(
             design, system.all_weights(row_weights)), solution.rank, last and ()), basis)
     if row_weights is not None:
         row_weights = row_weights * feasible
-    if few and row_weights is not None:  # rows count in full or are lost
+    if few and row_weights is not None:  # rows are kept in full or rejected
         system, noise = System(design, residual, system.all_weights(row_weights), rcond), None
     else:
         noise = row_weights

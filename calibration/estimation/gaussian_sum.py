@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A Kalman filter of many hypotheses: how fast coefficients wander, what may have jumped and when.
+"""A multiple-hypothesis Kalman filter: how fast coefficients drift, what may have jumped and when.
 
-A Gaussian sum. Of each history (nothing happened, this jumped before that row, that row was an
-outlier) and of each rate at which the coefficients wander one Kalman filter, all of them at once,
-each with its weight by Bayes' rule. Nothing is decided that the rows do not decide; histories that
-differ in what is long ago are joined.
+A Gaussian sum: one Kalman filter for each history (nothing happened, this jumped before that row,
+that row was an outlier) and each drift rate of the coefficients, all at once, weighted by Bayes'
+rule. No hypothesis is dropped before the rows decide; histories that differ only in the distant
+past are merged.
 
 Bar-Shalom, Li and Kirubarajan 2001, Estimation with applications to tracking and navigation,
 chapters 5 and 11.
@@ -31,77 +31,77 @@ import numpy as np
 from .dynamics import ExponentialMemory, RandomWalk
 from .kalman import innovation_of, log_det_of, predict, update, whitening_of
 
-#: h, the shortest time that counts for the chance of a jump: stamps of one exposure may be alike
+#: h, shortest interval for the probability of a jump: time stamps of one exposure may be equal
 _SHORTEST = 1e-3
-#: share of all from where a history goes on
+#: least weight with which a history is continued
 _LEAST = 1e-5
-#: logarithm of a weight that is nothing
+#: least logarithm of a weight
 _NOTHING = -700.0
 #: cause of a change: the row itself is an outlier
 OUTLIER = -1
 
 
 class Change(NamedTuple):
-    """That something has happened: before star `number` (from 0) a jump, or it is an outlier."""
+    """An event: a jump before star `number` (from 0), or that star being an outlier."""
 
     number: int
-    cause: int  # of the jumps, or `OUTLIER`
+    cause: int  # index of the jump, or `OUTLIER`
 
 
 class PossibleJump(NamedTuple):
     """Coefficients that may jump together."""
 
-    name: str  # of what has moved
-    shape: np.ndarray  # (n,), of the coefficients, for a jump of 1
-    sigma: float  # of its size
-    per_hour: float  # how often
+    name: str  # of what moves
+    shape: np.ndarray  # (n,), change of the coefficients for a jump of 1
+    sigma: float  # standard deviation of its size
+    per_hour: float  # rate
 
     @property
     def covariance(self):
-        """What is added to that of the coefficients, shape (n, n)."""
+        """Covariance that a jump adds to that of the coefficients, shape (n, n)."""
         return self.sigma**2 * np.outer(self.shape, self.shape)
 
 
 class GaussianSum:
-    """Histories and rates, from one row to the next.
+    """Filters of all histories and drift rates, updated row by row.
 
     Parameters
     ----------
     mean : ndarray, shape (n,) or (r, n)
-        Coefficients to begin with, of all rates or of each.
+        Initial coefficients, of all rates or of each.
     covariance : ndarray, shape (n, n) or (r, n, n)
-        Of them.
+        Initial covariance.
     rates : ndarray, shape (r, n, n)
-        What an hour adds to the covariance, by each hypothesis.
+        Process noise of each hypothesis: covariance added per hour.
     weights : ndarray, shape (r,), optional
-        How likely each rate is; all alike by default.
+        Prior probabilities of the rates; equal by default.
     jumps : sequence of PossibleJump
     outliers : float
-        Part of the stars that are outliers.
+        Fraction of stars that are outliers.
     outlier_sigma : float
-        Of what those miss by.
+        Standard deviation of an outlier's error.
     memory_h : ndarray, shape (n,), optional
-        In which a coefficient goes back to `mean` by a factor e; inf: never.
+        Time in which a coefficient returns to `mean` by a factor e, h; inf: never.
     turn_h : float
-        After which a rate is another one, in the mean; inf: never.
+        Mean time after which a rate changes to another one, h; inf: never.
     most : int
-        Histories that are kept.
+        Most histories kept.
     depth : int
-        Stars after which histories that differ only before are one.
+        Histories that differ only more than this many stars ago are merged.
 
     Attributes
     ----------
     home : ndarray, shape (n,)
-        That coefficients go back to.
+        Values that coefficients return to.
     means, covariances : ndarray, shapes (b, r, n) and (b, r, n, n)
-        Of b histories.
+        Coefficients and covariances of b histories.
     histories : list of tuple of Change
     count : int
-        Stars that were taken.
+        Number of stars observed.
     evidence : float
         Log likelihood of all rows, but for a constant of each.
     unseen : ndarray, shape (jumps,)
-        h since a row last could see each jump.
+        Time since a row was last sensitive to each jump, h.
     """
 
     def __init__(self, mean, covariance, rates, weights=None, *, jumps=(), outliers=0.01,
@@ -124,7 +124,7 @@ class GaussianSum:
         self.unseen = np.zeros(len(self.jumps))
 
     def copy(self):
-        """Another one of the same state; what is observed by one the other does not know."""
+        """An independent copy of the state."""
         out = copy(self)
         out.unseen = self.unseen.copy()
         return out
@@ -133,7 +133,7 @@ class GaussianSum:
 
     @property
     def weights(self):
-        """Of each history and rate, shape (b, r)."""
+        """Probability of each history and rate, shape (b, r)."""
         return np.exp(self.log_weights)
 
     def estimate(self):
@@ -143,16 +143,16 @@ class GaussianSum:
                        self.covariances.reshape(-1, n, n))
 
     def rate_weights(self):
-        """How likely each rate is by now, shape (r,)."""
+        """Posterior probability of each rate, shape (r,)."""
         return self.weights.sum(axis=0)
 
     def chance(self, number):
-        """How likely each jump before star `number` is, and that it was an outlier.
+        """Probability of each jump before star `number`, and of its being an outlier.
 
         Returns
         -------
         ndarray, shape (jumps + 1,)
-            The last: an outlier.
+            The last is that of an outlier.
         """
         out = np.zeros(len(self.jumps) + 1)
         for history, weight in zip(self.histories, self.weights.sum(axis=1)):
@@ -162,17 +162,17 @@ class GaussianSum:
         return out
 
     def dynamics(self, rates):
-        """Of coefficients beyond `home`, of one or several rates (..., n, n)."""
+        """Dynamics of the coefficients relative to `home`, for one or several rates (..., n, n)."""
         return (RandomWalk(rates) if self._memory is None
                 else ExponentialMemory(rates, self._memory))
 
     def ahead(self, hours):
-        """How far the coefficients will be from what they are thought to be now.
+        """Mean square deviation of the coefficients after `hours` from their present estimate.
 
         Returns
         -------
         ndarray, shape (n, n)
-            Mean square, with what wanders unseen until then and without jumps.
+            With the drift until then, without jumps.
         """
         mean, covariance = self.estimate()
         away = (mean - self.home)[:, None]
@@ -181,18 +181,18 @@ class GaussianSum:
         return covariance + (later - away) @ (later - away).T
 
     def expected(self, columns, value, noise):
-        """What a row shows beyond what was expected.
+        """Innovation of a row: its value less the prediction.
 
         Parameters
         ----------
         columns, value, noise
-            As of `observe`.
+            See `observe`.
 
         Returns
         -------
         innovation : ndarray, shape (m,)
         spread : ndarray, shape (m, m)
-            Its covariance, if nothing has happened.
+            Its covariance, without jumps or outliers.
         """
         mean, covariance = self.estimate()
         return innovation_of(mean, covariance, columns, value, np.diag(np.square(noise)))
@@ -200,7 +200,7 @@ class GaussianSum:
     # --- what happens -------------------------------------------------------------------------
 
     def wait(self, hours):
-        """Time passes, in which coefficients wander."""
+        """Predict over a time in which coefficients drift."""
         if hours <= 0.0:
             return
         away, self.covariances = predict((self.means - self.home)[..., None], self.covariances,
@@ -215,33 +215,33 @@ class GaussianSum:
         self.unseen = self.unseen + hours
 
     def widen(self, covariance):
-        """Something has happened that is known of; (n, n), what it may have done."""
+        """Add a covariance, (n, n), for a known event that may have changed the coefficients."""
         self.covariances = self.covariances + covariance
 
     def set(self, place, sigma):
-        """A coefficient becomes 0 with an error of its own: it is counted from now on."""
+        """Reset coefficient `place` to 0 with an independent error `sigma`."""
         self.means[..., place] = 0.0
         self.covariances[..., place, :] = 0.0
         self.covariances[..., :, place] = 0.0
         self.covariances[..., place, place] = sigma**2
 
     def shift(self, by):
-        """Coefficients are counted from another place, shape (n,)."""
+        """Move the origin of the coefficients by `by`, shape (n,)."""
         self.home = self.home - by
         self.means = self.means - by
 
     def observe(self, columns, value, noise, is_star=True):
-        """Take a row.
+        """Update with a row.
 
         Parameters
         ----------
         columns : ndarray, shape (m, n)
-            Of each of its values, for unit coefficients.
+            Design: each of its values for unit coefficients.
         value : ndarray, shape (m,)
         noise : ndarray, shape (m,)
             1 sigma.
         is_star : bool
-            Whether it may be an outlier, and counts.
+            Whether it may be an outlier, and is counted as a star.
         """
         row = (np.asarray(columns, float), np.asarray(value, float)[:, None],
                np.diag(np.square(np.asarray(noise, float))))
@@ -267,13 +267,13 @@ class GaussianSum:
         self.count += is_star
 
     def _branches(self, row, is_star):
-        """What may have happened just before a row.
+        """Branches of the histories by what may have happened just before a row.
 
         Returns
         -------
         dict of tuple of Change to list of (int, int or None, ndarray)
-            History from now on -> of each branch that is it the number of the history before, the
-            cause (None: nothing) and the log weight (r,).
+            For each new history the branches merged into it: index of the parent history, cause
+            (None: nothing happened) and log weight (r,).
         """
         causes, priors, sides = self._causes(row[0], is_star)
         innovation, spread = innovation_of(self.means[..., None], self.covariances, *row)
@@ -304,7 +304,7 @@ class GaussianSum:
         return {recent: groups[recent] for recent in kept}
 
     def _causes(self, columns, is_star):
-        """What may have happened: causes (None: nothing), log chances, and 1 sigma in the row."""
+        """Possible causes (None: nothing happened), log priors, and 1 sigma in the row."""
         causes, chances, sides = [None], [], [np.zeros(len(columns))]
         for number, jump in enumerate(self.jumps):
             side = columns @ jump.shape
@@ -323,7 +323,7 @@ def mixture(weights, means, covariances):
     Parameters
     ----------
     weights : ndarray, shape (k,) or (k, ...)
-        Of sum 1.
+        Weights with sum 1.
     means, covariances : ndarray, shapes (k, ..., n) and (k, ..., n, n)
     """
     weights = weights.reshape(weights.shape + (1,) * (means.ndim - weights.ndim))
@@ -334,7 +334,7 @@ def mixture(weights, means, covariances):
 
 
 def _joined(log_weights, means, covariances):
-    """Log weight (r,), mean and covariance of several branches (b, r, ...) as one."""
+    """Log weight (r,), mean and covariance of several branches (b, r, ...) merged into one."""
     if len(log_weights) == 1:
         return log_weights[0], means[0], covariances[0]
     peak = log_weights.max(axis=0)
@@ -348,7 +348,7 @@ def _log(weights):
 
 
 def _log_density(innovation, spread):
-    """Of innovations (..., m, 1) of covariance (..., m, m), without its constant."""
+    """Log density of innovations (..., m, 1) of covariance (..., m, m), without its constant."""
     whitening = whitening_of(spread)
     squares = np.square(whitening @ innovation).sum(axis=(-2, -1))
     return -0.5 * (squares + log_det_of(whitening))

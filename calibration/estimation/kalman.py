@@ -12,19 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The Kalman solver: coefficients with dynamics, beside constant ones, in rows in order of time.
+"""The Kalman solver: time-varying and constant coefficients from rows in order of time.
 
-A row shows the state (coefficients with `dynamics`), constant coefficients by their columns, and
-noise. What is not known at first, and constant coefficients, are no part of the state: the filter
-goes over the values and over their columns alike, and generalised least squares of what is left of
-both gives them exactly (de Jong 1991, Annals of Statistics 19, 1073). The backward pass is that of
-de Jong 1989 (J. Am. Stat. Assoc. 84, 1085): score and information of an impulse on the state before
-each row, from which follow the state by all rows, and what a jump there would gain.
+A row is the sum of the state (coefficients with `dynamics`), constant coefficients times their
+columns, and noise. Constant coefficients and an unknown initial state are not part of the filtered
+state: the filter runs over the values and over their columns alike, and generalised least squares
+of the innovations of both gives them exactly (de Jong 1991, Annals of Statistics 19, 1073). The
+backward pass (de Jong 1989, J. Am. Stat. Assoc. 84, 1085) gives score and information of an impulse
+on the state before each row; from these follow the smoothed state and the gain of a jump there.
 
     passed = forward(rows, RandomWalk(rate))
     passed.log_likelihood(), passed.estimate(), smoothed(passed), jump_gains(passed)
 
-`predict` and `update` are one step of it, for filters that go on as rows come (`gaussian_sum`).
+`predict` and `update` are single steps, for filters that run live (`gaussian_sum`).
 """
 
 from typing import NamedTuple
@@ -34,11 +34,11 @@ import numpy as np
 from .dynamics import Transition
 from .estimate import Estimate
 
-#: information on a jump, of that which it had if nothing else explained the rows, below which the
-#: columns hold it already
+#: part of the information on a jump that must remain with the columns fitted: with less the
+#: columns explain it
 _HELD = 1e-6
-#: information on coefficients before the first row, of that of all rows; a prediction whose
-#: variance is so many times what it will be at the end is none
+#: prior information on coefficients, over that of all rows; a prediction whose variance exceeds
+#: that of the known coefficients by this factor is undetermined
 _BEFORE, _NOTHING = 1e-12, 1e8
 
 
@@ -49,12 +49,12 @@ class Rows(NamedTuple):
     ----------
     time : ndarray, shape (n,)
     state : sequence of ndarray, shape (m, s)
-        What each row shows of a unit state.
+        Design of the state in each row.
     values : sequence of ndarray, shape (m,)
     noise : sequence of ndarray, shape (..., m, m)
-        Covariance; for several hypotheses at once.
+        Covariance of the noise; for several hypotheses at once.
     columns : sequence of ndarray, shape (m, c)
-        Of constant coefficients.
+        Design of the constant coefficients.
     """
 
     time: np.ndarray
@@ -65,14 +65,14 @@ class Rows(NamedTuple):
 
 
 class Update(NamedTuple):
-    """A row as the filter comes to it, and what it makes of it."""
+    """The filter's update with a row."""
 
-    mean: np.ndarray  # (..., s, d), of the state
+    mean: np.ndarray  # (..., s, d), state after the update
     covariance: np.ndarray  # (..., s, s)
-    innovation: np.ndarray  # (..., m, d), values less what was expected
+    innovation: np.ndarray  # (..., m, d), values less their prediction
     spread: np.ndarray  # (..., m, m), covariance of the innovation
-    whitening: np.ndarray  # (..., m, m), as of `whitening_of` the spread
-    gain: np.ndarray  # (..., s, m)
+    whitening: np.ndarray  # (..., m, m), `whitening_of` the spread
+    gain: np.ndarray  # (..., s, m), Kalman gain
 
 
 def predict(mean, covariance, transition):
@@ -89,7 +89,7 @@ def innovation_of(mean, covariance, state, values, noise):
 
 
 def update(mean, covariance, state, values, noise):
-    """`Update` of a state by values (m, d), of which a unit state shows `state` (m, s)."""
+    """`Update` of a state with values (m, d), whose design of the state is `state` (m, s)."""
     innovation, spread = innovation_of(mean, covariance, state, values, noise)
     whitening = whitening_of(spread)
     across = whitening @ (state @ covariance)
@@ -100,7 +100,7 @@ def update(mean, covariance, state, values, noise):
 
 
 def whitening_of(spread):
-    """Lower triangular (..., m, m) that whiten what has the covariance `spread`."""
+    """Lower triangular matrices (..., m, m) that whiten noise of the covariance `spread`."""
     if spread.shape[-1] != 2:
         return np.linalg.inv(np.linalg.cholesky(spread))
     # a star has two values, and a tracker takes thousands of pairs at once
@@ -113,15 +113,15 @@ def whitening_of(spread):
 
 
 def log_det_of(whitening):
-    """Logarithm of the determinant of the covariance that is whitened so."""
+    """ln of the determinant of the covariance from its whitening matrix."""
     return -2.0 * np.log(np.diagonal(whitening, axis1=-2, axis2=-1)).sum(axis=-1)
 
 
 class Step(NamedTuple):
-    """A row in a forward pass."""
+    """One row of a forward pass."""
 
-    transition: Transition  # to it
-    mean: np.ndarray  # (..., s, d), of the state before the row is taken
+    transition: Transition  # from the row before
+    mean: np.ndarray  # (..., s, d), predicted state, before the update
     covariance: np.ndarray  # (..., s, s)
     state: np.ndarray  # (m, s)
     columns: np.ndarray  # (m, d - 1), of the coefficients
@@ -129,24 +129,25 @@ class Step(NamedTuple):
 
 
 class ForwardPass(NamedTuple):
-    """Rows that the filter went through; d is 1 (the values) and the number of coefficients.
+    """Result of the forward filter; d is 1 (the values) plus the number of coefficients.
 
-    Coefficients are the state at first, where it was not known, then those of the columns.
+    The coefficients are the initial state, where unknown, then those of the columns.
     """
 
     steps: list
-    whitened: np.ndarray  # (..., values of all rows, d), innovations that are white
-    log_det: np.ndarray  # (...), of the covariance of all values
-    unknown: int  # coefficients that are the state at first
+    whitened: np.ndarray  # (..., values of all rows, d), whitened innovations
+    log_det: np.ndarray  # (...), ln of the determinant of the covariance of all values
+    unknown: int  # number of coefficients that are the initial state
 
     def log_likelihood(self, restricted=True, of=slice(None)):
-        """Of the rows, (...): by REML, or with the best coefficients; but for a constant.
+        """Log likelihood of the rows, (...), but for a constant.
 
         Parameters
         ----------
         restricted : bool
+            REML; otherwise at the best coefficients.
         of : sequence of int, optional
-            Columns that are looked at, from 1; all by default.
+            Indices of the coefficients in the model; all by default.
         """
         columns = self.whitened[..., 1:][..., of]
         best, left, normal = _least_squares(self.whitened[..., 0], columns)
@@ -154,7 +155,7 @@ class ForwardPass(NamedTuple):
         return out - 0.5 * np.linalg.slogdet(normal)[1] if restricted else out
 
     def estimate(self):
-        """The coefficients, an `Estimate`; residuals and scatter are in sigmas."""
+        """`Estimate` of the coefficients; residuals and scatter are in sigmas."""
         best, left, normal = _least_squares(self.whitened[:, 0], self.whitened[:, 1:])
         scatter = np.sqrt(left @ left / max(len(left) - len(best), 1))
         return Estimate(best, np.linalg.inv(normal), np.full(len(best), np.inf),
@@ -163,7 +164,7 @@ class ForwardPass(NamedTuple):
 
 
 def _least_squares(values, columns):
-    """Coefficients (..., c), what they leave (..., N), and the normal matrix (..., c, c)."""
+    """Coefficients (..., c), residuals (..., N), and the normal matrix (..., c, c)."""
     back = np.swapaxes(columns, -1, -2)
     normal = back @ columns
     best = np.linalg.solve(normal, back @ values[..., None])
@@ -171,17 +172,17 @@ def _least_squares(values, columns):
 
 
 def forward(rows, dynamics, start=None, begin=None):
-    """Filter rows in order.
+    """Run the Kalman filter over rows in order.
 
     Parameters
     ----------
     rows : Rows
     dynamics : object
-        Of the state; see `dynamics`.
+        Dynamics of the state; see `dynamics`.
     start : (ndarray, ndarray), optional
-        Mean (s,) and covariance (s, s) of the state; None: nothing is known of it.
+        Mean (s,) and covariance (s, s) of the initial state; None: unknown.
     begin : float, optional
-        When that was; by default at the first row.
+        Time of the initial state; by default that of the first row.
 
     Returns
     -------
@@ -228,9 +229,9 @@ def backward(passed):
 
 
 def smoothed(passed):
-    """Mean (..., s, d) and covariance (..., s, s) of the state at each row, by all rows.
+    """Smoothed mean (..., s, d) and covariance (..., s, s) of the state at each row.
 
-    The covariance is that of known coefficients; `shown` has both.
+    The covariance is for known coefficients; `shown` adds their uncertainty.
     """
     return [(step.mean + step.covariance @ score,
              step.covariance - step.covariance @ information @ step.covariance)
@@ -238,15 +239,15 @@ def smoothed(passed):
 
 
 def shown(mean, covariance, state, columns, found):
-    """What a row shows by a state and by coefficients, without its noise.
+    """Predicted values of a row from state and coefficients, and their covariance, without noise.
 
     Parameters
     ----------
     mean, covariance
-        Of the state, shapes (s, d) and (s, s).
+        State, shapes (s, d) and (s, s).
     state : ndarray, shape (m, s)
     columns : ndarray, shape (m, d - 1)
-        Of all coefficients, those of a state that was not known at first 0.
+        Design of all coefficients; 0 for those of an unknown initial state.
     found : Estimate
 
     Returns
@@ -262,12 +263,12 @@ def shown(mean, covariance, state, columns, found):
 
 
 def normalised_innovations(passed):
-    """Each row less what the rows before it say, in sigmas, each value by itself.
+    """Innovations over their standard deviations, each value by itself.
 
     Returns
     -------
     ndarray, shape (n, m)
-        NaN where the rows before do not determine what a row shows.
+        NaN where the rows before do not determine the prediction.
     """
     normal, out = _BEFORE * np.diag(np.square(passed.whitened[:, 1:]).sum(axis=0)), []
     right = np.zeros(len(normal))
@@ -285,7 +286,7 @@ def normalised_innovations(passed):
 
 
 def jump_gains(passed):
-    """What a jump of one coefficient of the state before one row would gain, of all at once.
+    """Likelihood gain of a jump of each coefficient of the state before each row.
 
     De Jong and Penzer 1998, J. Am. Stat. Assoc. 93, 796, section 3: all together cost as much as
     one filter.
@@ -293,7 +294,7 @@ def jump_gains(passed):
     Returns
     -------
     ndarray, shape (n, s)
-        Twice the difference of the log likelihoods; 0 where columns hold the jump already.
+        Twice the difference of the log likelihoods; 0 where the columns already explain the jump.
     """
     found, out = passed.estimate(), []
     for score, information in backward(passed):

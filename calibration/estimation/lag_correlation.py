@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether residuals of a fit are like those of the row before: the test of Durbin and Watson.
+"""Are residuals of a fit correlated with those of the row before? The Durbin-Watson test.
 
-Durbin and Watson 1950, Biometrika 37, 409: with the mean and variance that white noise gives the
-correlation of neighbours in the residuals of that fit, whose columns take a part of it.
+Durbin and Watson 1950, Biometrika 37, 409: with the mean and variance of the lag-1 correlation of
+residuals if the noise is white, which depend on the fitted columns.
 """
 
 import math
@@ -24,21 +24,21 @@ import numpy as np
 
 
 def lag_correlation(residual, columns, follows):
-    """Correlation of each axis with the row before, and the chance that white noise has it.
+    """Lag-1 correlation of the residuals of each axis, and its p under white noise.
 
     Parameters
     ----------
     residual : ndarray, shape (2, n)
-        In its noise; the rows in their order.
+        Residuals over their noise, in the order of the rows.
     columns : ndarray, shape (k, 2, n)
-        Of what was fitted, weighted as in the fit.
+        Fitted columns, weighted as in the fit.
     follows : ndarray of bool, shape (n - 1,)
         Whether a row and the next are of one run.
 
     Returns
     -------
     list of tuple of float
-        Of each axis the correlation beyond that of white noise, and its chance, one-sided.
+        For each axis the correlation less its mean under white noise, and the one-sided p.
     """
     k, _, n = columns.shape
     basis, s, _ = np.linalg.svd((columns / np.maximum(
@@ -47,7 +47,7 @@ def lag_correlation(residual, columns, follows):
     basis = basis[:, s > 1e-6 * s.max(initial=0.0)].reshape(2, n, -1)
 
     def beside(values):
-        """Mean of the row before and the row after, where they are of the run."""
+        """Half the sum of the rows before and after, where these are of the same run."""
         out = np.zeros_like(values)
         out[1:] += 0.5 * (values[:-1].T * follows).T
         out[:-1] += 0.5 * (values[1:].T * follows).T

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""LAPACK as scipy wraps it, without the rest of `scipy.linalg`.
+"""scipy's LAPACK wrappers, without importing all of `scipy.linalg`.
 
-Calls with small matrices take a quarter of the time of `numpy.linalg`'s. To import all of
+For small matrices they take a quarter of the time of `numpy.linalg`. Importing all of
 `scipy.linalg` takes 0.15 s, a sixth of the time to the first answer of a diagnosis.
 """
 
@@ -29,7 +29,7 @@ _NAME = 'scipy.linalg._flapack'
 
 @functools.cache
 def lapack():
-    """The routines, a module: that of `scipy.linalg.lapack` where the wrappers are not alone."""
+    """Module of the routines; `scipy.linalg.lapack` if imported or if there is no other."""
     import scipy
     spec = PathFinder.find_spec(_NAME, [str(Path(scipy.__file__).parent / 'linalg')])
     if spec is None or 'scipy.linalg' in sys.modules:

@@ -14,8 +14,8 @@
 
 """Weighted least squares of one or two axes, plain and robust: the algebra behind every fit.
 
-A design has a row a coefficient: x of all observations, then y. In the place of an ndarray it may
-be `group_columns.GroupColumns`.
+A design has one row for each coefficient: x of all observations, then y. It is an ndarray or a
+`group_columns.GroupColumns`.
 """
 
 from typing import NamedTuple
@@ -29,18 +29,18 @@ from .group_columns import GroupColumns, bordered, inverse_root
 from .lapack import lapack
 from .robust import LOSS, huber
 
-# of the normal matrix, scaled to a unit diagonal:
-_GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
-_SAFE_CONDITION = 1e8  # up to here it may be inverted
-_FINE_CONDITION = 1e5  # and up to here rounding stays below 1e-11 of the coefficients
-#: of a column, what is left of it beside the groups' columns: less is rounding
+# for the normal matrix scaled to a unit diagonal:
+_GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that is still accurate
+_SAFE_CONDITION = 1e8  # largest condition number for inversion
+_FINE_CONDITION = 1e5  # largest condition number with rounding below 1e-11 of the coefficients
+#: part of a column that must remain beyond the group columns: less is rounding
 _EXPLAINED = 1e-7
 
-#: of residuals from one solution to the next, where weights have settled, and the least noise
+#: change of the residuals at which robust weights have converged; also the least noise
 TOLERANCE = 1e-9 * ARCSEC
-#: solutions for the weights of each stage
+#: most iterations of each stage of weights
 _MOST = 100
-#: of the noise, a change of the residuals that ends the search for it
+#: change of the residuals, over the noise, at which the noise estimate has converged
 _NOISE_SETTLED = 1e-3
 
 
@@ -52,21 +52,21 @@ class Spectrum(NamedTuple):
     scale: np.ndarray  # length of the columns
 
     def rank(self, rcond):
-        """How many are above `rcond` times the largest."""
+        """Number of singular values above `rcond` times the largest."""
         return len(self.s) - int(self.s.searchsorted(rcond * self.s[-1], 'right'))
 
 
 class Solution(NamedTuple):
-    """Of a weighted least-squares problem, in the units of the data."""
+    """Solution of a weighted least-squares problem, in the units of the data."""
 
     p: np.ndarray  # (k,), the coefficients
-    inverse: np.ndarray  # (k, k), of the normal matrix, in the directions kept
+    inverse: np.ndarray  # (k, k), (pseudo-)inverse of the normal matrix
     residual: np.ndarray  # (n,), x of all rows, then y
     rank: int
 
 
 def inverse_of(matrix):
-    """As `numpy.linalg.inv` of one small matrix, LinAlgError where it is singular."""
+    """Inverse of one small matrix; LinAlgError where it is singular."""
     factors, order, bad = lapack().dgetrf(matrix)
     if bad:
         raise np.linalg.LinAlgError('singular matrix')
@@ -74,16 +74,16 @@ def inverse_of(matrix):
 
 
 def normal_matrix(design, weights):
-    """With weights of values, None: all equal, shape (k, k)."""
+    """Normal matrix with weights of values (None: all equal), shape (k, k)."""
     if isinstance(design, GroupColumns):
         return design.normal(np.ones(design.shape[1]) if weights is None else weights)
     return (design if weights is None else design * weights) @ design.T
 
 
 def spectrum_of(design, weights, rcond=0.0):
-    """Singular values of a design: from its normal matrix where those are accurate, else by QR.
+    """Singular values of a design: from its normal matrix if accurate enough, else by QR.
 
-    Those below the part `rcond` of the largest need not be accurate.
+    Those below `rcond` times the largest need not be accurate.
 
     Parameters
     ----------
@@ -105,15 +105,15 @@ def spectrum_of(design, weights, rcond=0.0):
     rows = np.asarray(design)
     rows = (rows if weights is None else rows * np.sqrt(weights)) / scale[:, None]
     _, s, v = np.linalg.svd(np.linalg.qr(rows.T, mode='r'))
-    s = np.append(s, np.zeros(len(v) - len(s)))  # of fewer rows than columns
+    s = np.append(s, np.zeros(len(v) - len(s)))  # with fewer rows than columns
     return Spectrum(s[::-1], v[::-1].T, scale)
 
 
 def weighted_solve(design, b, weights, rcond):
-    """Weighted least squares of b = p @ design, with singular directions left out.
+    """Weighted least squares of b = p @ design, without singular directions.
 
-    The inverse normal matrix where that is accurate, with a step of iterative refinement (which
-    makes it as good as QR) unless it needs none; else the SVD.
+    By the inverse normal matrix where accurate, with a step of iterative refinement (which makes it
+    as precise as QR) if needed; else by the SVD.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def weighted_solve(design, b, weights, rcond):
     b : ndarray, shape (n,)
     weights : ndarray, shape (n,), or None
     rcond : float
-        Relative singular value below which a direction is left out.
+        Relative singular value below which a direction is dropped.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def weighted_solve(design, b, weights, rcond):
     normal = normal_matrix(design, weights)
     try:
         inverse = inverse_of(normal)
-        # trace x trace of the scaled matrix and its inverse: never below the condition number
+        # traces of the scaled matrix and its inverse: their product bounds the condition number
         condition = len(normal) * float(normal.diagonal() @ inverse.diagonal())
     except np.linalg.LinAlgError:
         condition = np.inf
@@ -144,7 +144,7 @@ def weighted_solve(design, b, weights, rcond):
     else:
         spectrum = spectrum_of(design, weights, rcond)
         rank = spectrum.rank(rcond)
-        kept = slice(len(spectrum.s) - rank, None)  # none, where no row has a weight
+        kept = slice(len(spectrum.s) - rank, None)  # empty if no row has weight
         half = spectrum.vectors[:, kept] / (spectrum.scale[:, None] * spectrum.s[kept])
         inverse = half @ half.T
         refinements = 3
@@ -157,7 +157,7 @@ def weighted_solve(design, b, weights, rcond):
 
 
 def _solve_beside_groups(design, b, weights, rcond):
-    """`weighted_solve` of what the groups' columns leave; they have what is left of it."""
+    """`weighted_solve` with group columns: these are projected out, then fitted to the rest."""
     root = inverse_root(design.own_normal(weights))
     both = np.vstack((design.common, b))
     share = design.share(both, weights, root)
@@ -176,30 +176,30 @@ def _solve_beside_groups(design, b, weights, rcond):
 
 
 def reweighted(solve, weigh, fit, most, settled=None):
-    """Iteratively reweighted least squares, whatever the solver.
+    """Iteratively reweighted least squares with any solver.
 
-    Stages (Huber's weights, then some that reject) are calls in a row, each from the fit of the
-    one before; a noise that is estimated on the way is kept by `weigh`.
+    For several stages (Huber's weights, then redescending ones) call it repeatedly, each time from
+    the last fit; `weigh` may keep a noise estimate meanwhile.
 
     Parameters
     ----------
     solve : callable
         ``solve(weights) -> fit``, least squares with a weight for each row.
     weigh : callable
-        ``weigh(fit) -> weights`` by what a fit leaves; None: go no further.
+        ``weigh(fit) -> weights`` from the residuals of a fit; None: stop.
     fit
-        To start from.
+        Initial fit.
     most : int
-        Solutions, at most.
+        Most iterations.
     settled : callable, optional
-        ``settled(fit, before)``: whether the last two agree, which ends it too.
+        ``settled(fit, before)``: whether the last two fits agree, which stops the iteration too.
 
     Returns
     -------
     fit
-        The last.
+        The last fit.
     weights : ndarray or None
-        That it was solved with; None if that is `fit` as given.
+        Weights of the last fit; None if that is the initial one.
     """
     weights = None
     for _ in range(most):
@@ -221,13 +221,13 @@ class System:
     design : ndarray, shape (k, axes * n), or GroupColumns
     b : ndarray, shape (axes * n,)
     weights : ndarray, shape (axes * n,), or None
-        Of values, by their sigmas: residuals are then judged in these.
+        Weights of values, 1 / sigma^2: residuals are then measured in sigmas.
     rcond : float
-        Of `weighted_solve`.
+        See `weighted_solve`.
     axes : int
     prior : ndarray, shape (k,), optional
-        Of coefficients that are known to be zero beforehand: 1 / variance, in the unit of the
-        weights. The design is an ndarray then.
+        Prior of coefficients about zero: 1 / variance, in the unit of the weights. The design must
+        be an ndarray then.
     """
 
     def __init__(self, design, b, weights, rcond, axes=2, prior=None):
@@ -235,11 +235,11 @@ class System:
         self._prior, self._least = prior, TOLERANCE if weights is None else 1e-9
 
     def all_weights(self, row_weights):
-        """Of values, with those of rows, shape (n,); None: 1."""
+        """Weights of values, including those of rows, shape (n,); None: 1."""
         return weights_together(self.weights, row_weights, self.axes)
 
     def solve(self, row_weights=None):
-        """With weights of rows, shape (n,), too; a `Solution`."""
+        """`Solution` with optional weights of rows, shape (n,)."""
         weights = self.all_weights(row_weights)
         if self._prior is None:
             return weighted_solve(self.design, self.b, weights, self.rcond)
@@ -251,21 +251,21 @@ class System:
         return known._replace(residual=known.residual[:n])
 
     def normal(self, row_weights, axis):
-        """That part of the normal matrix which an axis makes, shape (k, k)."""
+        """Contribution of one axis to the normal matrix, shape (k, k)."""
         weights = np.zeros((self.axes, len(self.b) // self.axes))
         weights[axis] = 1.0 if row_weights is None else row_weights
         return normal_matrix(self.design, weights.ravel() if self.weights is None
                              else weights.ravel() * self.weights)
 
     def squares(self, residual):
-        """In sigmas where they were given, shape (axes, n)."""
+        """Squared residuals, in sigmas if given, shape (axes, n)."""
         squares = np.square(residual)
         if self.weights is not None:
             squares *= self.weights
         return squares.reshape(self.axes, -1)
 
     def distance(self, residual, scales):
-        """Of each row from the fit, of all axes, in standard deviations, shape (n,)."""
+        """Radial distance of each row from the fit, in standard deviations, shape (n,)."""
         return np.sqrt(np.dot([1.0 / scale**2 for scale in scales], self.squares(residual)))
 
     def least(self, scales):
@@ -274,7 +274,7 @@ class System:
             min(scales) / float(self.weights.max()) ** 0.5)
 
     def median_noise(self, residual, rank):
-        """Of each axis, from the median of the absolute residuals, shape (axes,)."""
+        """Noise of each axis from the median absolute residual, shape (axes,)."""
         return np.maximum(sigma_of(np.sqrt(self.squares(residual)), self._spread(rank), axis=1),
                           self._least)
 
@@ -282,14 +282,14 @@ class System:
         return (len(self.b) / max(len(self.b) - rank, 1)) ** 0.5
 
     def solve_huber(self, rank, change=_NOISE_SETTLED):
-        """With Huber's weights at the median noise.
+        """Solution with Huber's weights, scaled by the median noise.
 
         Parameters
         ----------
         rank : int
-            Freedom that the fit takes.
+            Rank of the fit.
         change : float
-            Of the residuals, in the noise, at which it ends.
+            Change of the residuals, over the noise, at convergence.
 
         Returns
         -------
@@ -305,18 +305,18 @@ class System:
                           self.solve(), _MOST, settled)
 
     def noise(self, rank):
-        """The noise of each axis: by Huber's weights and medians, then what `LOSS` keeps.
+        """The noise of each axis: median noise of a Huber fit, refined with the weights of `LOSS`.
 
         Returns
         -------
         scales : list of float
-            Of x and y; of given sigmas.
+            Noise of x and y, in units of the sigmas if given.
         residual : ndarray
-            With Huber's weights.
+            Residuals of the Huber fit.
         """
         residual = self.solve_huber(rank)[0].residual
         scales, squares = self.median_noise(residual, rank), self.squares(residual)
-        # the median is wasteful: take the own variance of what is kept
+        # the median is inefficient: use the weighted variance of the rows that `LOSS` keeps
         for _ in range(3):
             kept = LOSS.weights(self.distance(residual, scales))
             variance = squares @ kept / (max(kept.sum(), 1e-9) * LOSS.variance)
@@ -324,7 +324,7 @@ class System:
         return scales.tolist(), residual
 
     def solve_robust(self, loss, scales, residual, tolerance=TOLERANCE):
-        """At the minimum of a loss at that noise, from those residuals on.
+        """Minimise a loss at the noise `scales`, starting from the residuals.
 
         Returns
         -------
@@ -338,7 +338,7 @@ class System:
 
 
 def weights_together(weights, row_weights, axes=2):
-    """Weights of values, shape (axes * n,), and of rows, shape (n,); None: 1."""
+    """Product of weights of values, shape (axes * n,), and of rows, shape (n,); None: 1."""
     if row_weights is None:
         return weights
     each = np.concatenate((row_weights,) * axes)
@@ -346,37 +346,37 @@ def weights_together(weights, row_weights, axes=2):
 
 
 class Uncertainty(NamedTuple):
-    """Of `uncertainty_of`."""
+    """Result of `uncertainty_of`."""
 
     covariance: np.ndarray  # (k, k), of the coefficients
     scatter: tuple  # standard deviation of x and y, in the unit of the residual, or in sigmas
-    freedom: np.ndarray  # (k,), or as many as the basis gives: of each standard error
-    scatter_freedom: tuple  # of the scatter of x and y; one: of both
+    freedom: np.ndarray  # (k,), degrees of freedom of each standard error
+    scatter_freedom: tuple  # degrees of freedom of the scatter of x and y; one: of both
 
 
 def uncertainty_of(system, solution, row_weights, loss, known, basis):
-    """Covariance of the coefficients, the scatter of each axis, and how well they are known.
+    """Covariance of the coefficients, scatter of each axis, and their degrees of freedom.
 
-    The inverse normal matrix if the sigmas are known; else sandwiched with the measured
-    variance of each axis, so that axes of different noise keep their own. The loss's loss of
-    efficiency is in it.
+    The covariance is the inverse normal matrix if the sigmas are known; else a sandwich with the
+    measured variance of each axis, so that the axes may have different noise. It includes the loss
+    of efficiency of a robust loss.
 
-    Degrees of freedom have the standard errors that the scatter gives. Each axis has its own (the
-    rows less what the coefficients took of them), and a coefficient that both determine one
-    between them: `satterthwaite`.
+    If the scatter is estimated, standard errors have degrees of freedom. Each axis has its own (its
+    rows less what the coefficients use of them); a coefficient determined by both axes has a value
+    in between, see `satterthwaite`.
 
     Parameters
     ----------
     system : System
-        Of two axes; rows without any weight are none.
+        System of two axes; rows without weight are not counted.
     solution : Solution
-        Of it, with the weights of rows.
+        Its solution with `row_weights`.
     row_weights : ndarray, shape (n,), or None
     loss : robust.Loss, or None
     known : sequence of bool
-        Whether the sigmas of x, and of y, are.
+        Whether the sigmas of x, and of y, are known.
     basis : ndarray, shape (m, k)
-        Of m coefficients in which the covariance and the freedom are to be.
+        Transformation to the m coefficients whose covariance is returned.
 
     Returns
     -------
@@ -401,7 +401,7 @@ def uncertainty_of(system, solution, row_weights, loss, known, basis):
 
 
 def _noises(system, solution, row_weights, loss, hat):
-    """Variance of each axis, its degrees of freedom; one: of both."""
+    """Variance of each axis, and its degrees of freedom (one value: of both axes pooled)."""
     rank, squares = solution.rank, system.squares(solution.residual)
     if row_weights is None:
         consistency, squares = 1.0, squares.sum(axis=1)
@@ -412,17 +412,17 @@ def _noises(system, solution, row_weights, loss, hat):
     used, squared = float(np.trace(hat)), float(np.vdot(hat.T, hat))  # traces of H and of H H
     pooled = squares.sum() / max(2 * total - rank, 1e-9)
     free = total - used, total - rank + used
-    if min(free) <= 0.5:  # an axis that tells nothing of its noise has that of both
+    if min(free) <= 0.5:  # an axis without freedom gets the pooled variance
         return [pooled / consistency] * 2, (max(2 * total - rank, 1.0),)
-    # the squares of an axis are a sum of chi-squares with factors from 0 to 1, those of I - H:
-    # it scatters as one with that many degrees of freedom (Satterthwaite 1946)
+    # the sum of squares of an axis is a sum of chi-squares with factors from 0 to 1 (eigenvalues of
+    # I - H): approximately one with these degrees of freedom (Satterthwaite 1946)
     factors = total - 2.0 * used + squared, total - rank + squared
     return squares / free / consistency, [
         dof**2 / max(of, 1e-9) if of < dof else dof for dof, of in zip(free, factors)]
 
 
 def satterthwaite(parts, freedom):
-    """Degrees of freedom of a sum of variances that are estimated each by itself.
+    """Effective degrees of freedom of a sum of independently estimated variances.
 
     Parameters
     ----------

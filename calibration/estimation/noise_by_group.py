@@ -14,11 +14,12 @@
 
 """Rows of several instruments or objects in one fit: each group has its own noise.
 
-How large the white noise of a group is its own rows tell. How the noise remembers, one arc of a
-satellite hardly tells: a short memory with the noise that is seen and a long one with far more are
-alike in it. So groups that remember share the memory and the size of the process over the white
-noise, the same on both axes; all rows, all that is fitted and all that is known beforehand say
-together how likely each is, and the fit is the mean over them, as likely as they are.
+The white noise of a group is estimated from its own rows. One arc of a satellite hardly determines
+the correlated noise: a short correlation time with the observed scatter and a long one with far
+more variance look alike in it. So groups with correlated noise share the correlation time (memory)
+and the ratio of its variance to the white noise, the same on both axes. All rows, with all columns
+and priors of the coefficients, give the posterior probability of each such noise, and the fit is
+the average over them with these probabilities.
 """
 
 from dataclasses import dataclass
@@ -30,33 +31,33 @@ from .group_columns import GroupColumns
 from .linear_model import memory_of, weighted_fit
 from .prior_fit import PriorFit, gram_of
 
-#: rows from which on groups tell of a memory
+#: fewest rows to estimate a correlation time
 LEAST_ROWS = 20
-#: between memories that are tried
+#: ratio of successive correlation times tried
 _MEMORY_STEP = 2.0
-#: variances of the process that are tried, over that of the white noise
+#: variances of the process tried, over that of the white noise
 _SIZES = 4.0 ** np.arange(-2.0, 3.0)
-#: of a noise that no longer counts beside the likeliest
+#: probability, relative to the most likely noise, below which a noise is ignored
 _UNLIKELY = 1e-4
-_MOST = 12  # noises that are averaged
-#: values beyond what is fitted from which on a group tells its noise by itself, and values that a
-#: column must have in it: one of fewer takes on whatever is in these rows
+_MOST = 12  # most noises averaged
+#: degrees of freedom needed to estimate the noise of a group from its own rows; nonzero values that
+#: a column must have there: one with fewer would fit whatever is in these rows
 _FREEDOM, _SUPPORT = 20, 10
 _BESIDE = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
 
 
 @dataclass
 class GroupNoise:
-    """Whitening of all rows: some remember, the others do not.
+    """Noise of all rows, of which some are correlated.
 
     Attributes
     ----------
     root : ndarray, shape (2n,)
-        1 / sigma of the white part, 0 for rows set aside.
+        1 / sigma of the white part, 0 for excluded rows.
     rows : ndarray of int
-        That remember.
+        Rows with correlated noise.
     process : CorrelatedNoise or None
-        Of these rows.
+        Noise of these rows.
     """
 
     root: np.ndarray
@@ -73,12 +74,12 @@ class GroupNoise:
 
     @property
     def count(self):
-        """Values with a weight."""
+        """Number of values with weight."""
         return int(np.count_nonzero(self.root))
 
     @property
     def log_det(self):
-        """Of the covariance of the rows that remember."""
+        """ln of the determinant of the covariance of the correlated rows."""
         if self.process is not None:
             return self.process.log_det
         n = len(self.root) // 2
@@ -87,12 +88,12 @@ class GroupNoise:
 
 
 def group_roots(columns, b, groups, time, run, factor, memory):
-    """White noise of each group, by its own rows alone; of few rows, that of the other groups.
+    """White noise of each group from its own rows; with few rows, that of the other groups.
 
     Parameters
     ----------
     columns : ndarray, shape (k, 2n)
-        All that is fitted.
+        All fitted columns.
     b : ndarray, shape (2n,)
         Radians.
     groups : ndarray of int, shape (n,)
@@ -100,11 +101,11 @@ def group_roots(columns, b, groups, time, run, factor, memory):
     time : ndarray, shape (n,)
         s.
     run : ndarray of int, shape (n,)
-        Arcs: one remembers nothing of the one before.
+        Arc of each row; different arcs are uncorrelated.
     factor : ndarray, shape (n,)
-        As of `Sequence`.
+        See `Sequence`.
     memory : sequence of bool
-        Whether the noise of each group may remember.
+        Whether the noise of each group may be correlated.
 
     Returns
     -------
@@ -132,7 +133,7 @@ def group_roots(columns, b, groups, time, run, factor, memory):
         weights[rows] = fit.weights
     if few:
         known = white_sigmas(root)
-        if not (known > 0.0).all():  # no group tells it: all rows together
+        if not (known > 0.0).all():  # no group has enough rows: use all together
             known = weighted_fit(GroupColumns.alone(columns), b, final=True).scale
         for both in few:
             root[both] = np.repeat(1.0 / known, len(both) // 2)
@@ -140,25 +141,25 @@ def group_roots(columns, b, groups, time, run, factor, memory):
 
 
 def likely_noises(columns, b, precision, root, rows, sequence):
-    """Noises of all rows, and how likely each is.
+    """Possible noises of all rows with their posterior probabilities.
 
     Parameters
     ----------
     columns, b
-        As of `group_roots`.
+        See `group_roots`.
     precision : ndarray, shape (k, k)
-        Of what is known of the coefficients beforehand.
+        Inverse prior covariance of the coefficients.
     root : ndarray, shape (2n,)
     rows : ndarray of int
-        That may remember.
+        Rows whose noise may be correlated.
     sequence : Sequence
-        Of these rows.
+        Sequence of these rows.
 
     Returns
     -------
     list of (GroupNoise, float)
-        The likeliest first; chances sum to 1. Half of the prior is that nothing remembers, the
-        other half even over the logarithms of memory and size.
+        Most probable first; probabilities sum to 1. Prior: 1/2 for white noise, 1/2 spread evenly
+        over the logarithms of memory and size.
     """
     n = len(b) // 2
     found = {(): (GroupNoise(root, rows, None), 0.0)}
@@ -176,7 +177,7 @@ def likely_noises(columns, b, precision, root, rows, sequence):
                               - np.log(len(memories) * len(_SIZES)))
 
     found[()] = found[()][0], _evidence(columns, b, precision, found[()][0])
-    # every second one, then what is beside those that count
+    # every second grid point first, then the neighbours of probable ones
     for i in range(0, len(memories), 2):
         for j in range(0, len(_SIZES), 2):
             try_noise(i, j)

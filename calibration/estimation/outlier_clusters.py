@@ -12,34 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Outliers that lie together: a scan over windows, and its chance by permutation.
+"""Clusters of outliers: a scan over windows with a permutation test.
 
-One wild row is an accident; some of one sign in one place, hour or star have a cause. The rows of
-every window are counted by how many outliers of one kind they hold, and the rarest count (the tail
-of the hypergeometric distribution) is compared with that of the same outliers dealt out anew over
-all rows (Kulldorff 1997, Commun. Stat. Theory Methods 26, 1481, for counts of rows).
+One outlier is an accident; several of one sign at one place, hour or star have a cause. The
+outliers of one kind are counted in every window. The least probable count (tail of the
+hypergeometric distribution) is compared with that of random permutations of the outliers over all
+rows (Kulldorff 1997, Commun. Stat. Theory Methods 26, 1481, for counts of rows).
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-#: outliers of one kind that may be a cluster, at least
+#: fewest outliers of one kind in a cluster
 FEWEST = 3
-#: chance, over all windows and kinds, from which outliers lie together
+#: family-wise significance level of a cluster, over all windows and kinds
 CHANCE = 0.01
-_DEALS = 999
-#: windows, at most: of more, each so-manieth; clusters in a run, at most
+_DEALS = 999  # permutations
+#: most windows (more are thinned evenly), and most clusters in a run
 _MOST, _CLUSTERS = 8000, 3
 
 
 class Window(NamedTuple):
-    """Rows among which outliers may lie together.
+    """Rows that may hold a cluster of outliers.
 
     Attributes
     ----------
     what : str
-        Of what it is a window, in one word.
+        Quantity in which it is a window, in one word.
     rows : ndarray of int
     """
 
@@ -48,18 +48,18 @@ class Window(NamedTuple):
 
 
 class Cluster(NamedTuple):
-    """Outliers that lie together.
+    """A cluster of outliers.
 
     Attributes
     ----------
     kind : int
-        Of the outliers.
+        Kind of the outliers.
     rows : ndarray of int
         The outliers of that kind in the window.
     window : Window
-        Where they are rarest by chance.
+        The window with the least probable count.
     chance : float
-        Of as rare a count in any window, by outliers anywhere.
+        Family-wise p over all windows and kinds, by permutation.
     """
 
     kind: int
@@ -69,12 +69,12 @@ class Cluster(NamedTuple):
 
 
 def clusters(kind, windows, rng):
-    """Outliers of one kind that lie together, the rarest first.
+    """Clusters of outliers of one kind, the least probable first.
 
     Parameters
     ----------
     kind : ndarray of int, shape (n,)
-        Of each row: 0 is no outlier.
+        Kind of outlier of each row; 0: no outlier.
     windows : sequence of Window
     rng : numpy.random.Generator
 
@@ -99,7 +99,7 @@ def clusters(kind, windows, rng):
 
 
 def _rarest(kind, windows, inside, rng):
-    """The `Cluster` that is rarest by chance; None where it is none."""
+    """The least probable `Cluster`; None where none is significant."""
     kinds = [k for k in np.unique(kind) if k and np.count_nonzero(kind == k) >= FEWEST]
     if not kinds:
         return None
@@ -120,7 +120,7 @@ def _rarest(kind, windows, inside, rng):
 
 
 def _log_tails(count, size, n):
-    """ln P(as many of `count` outliers among `n` rows in a window of so many), (w, count + 1)."""
+    """ln P(at least 0, 1, ... of `count` outliers in `size` of `n` rows), shape (w, count + 1)."""
     from scipy.special import gammaln
 
     def log_ways(k, of):
@@ -135,6 +135,6 @@ def _log_tails(count, size, n):
 
 
 def _scores(tails, marked, inside):
-    """ln of the chance of each window's count, (b, w); `marked`, shape (b, n)."""
+    """ln of the tail probability of each window's count, (b, w); `marked`, shape (b, n)."""
     counts = (marked.astype(np.float32) @ inside.T).astype(int)
     return tails[np.arange(len(tails)), counts]

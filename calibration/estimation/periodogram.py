@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Waves of unknown period: a periodogram of what a fit leaves, beyond the columns that are fitted.
+"""Waves of unknown period: a periodogram of the residuals that refits all columns of the model.
 
-A wave in an angle u has the columns f cos(r u) and f sin(r u), f being what a change of the driver
-does in each row. The generalised Lomb-Scargle periodogram (Zechmeister and Kuerster 2009, A&A 496,
-577) fits a mean beside them; here all columns of the model are fitted beside them, by the same
-products that score any candidate. The rates lie a quarter of the resolution apart, so that between
-two of them 5 % of the power is lost at most; what is found is tuned to the best rate between.
+A wave in an angle u has the columns f cos(r u) and f sin(r u); the factor f is the effect of a unit
+wave in each row. The generalised Lomb-Scargle periodogram (Zechmeister and Kuerster 2009, A&A 496,
+577) fits a mean together with them; here all columns of the model are refitted, from the same
+products that score any candidate. Rates are a quarter of the resolution apart, so that at most 5 %
+of the power is lost between two of them; a detected wave is then tuned to the best rate.
 
-Once a period is beyond chance it is asked what its shape is: once a period, with harmonics, or
-half of a longer period, whose second or third harmonic was seen first.
+For a significant period the shape is selected: a sinusoid, one with harmonics, or a longer period
+whose second or third harmonic was detected first.
 """
 
 from copy import copy
@@ -33,43 +33,43 @@ from .candidates import CandidateBank, Scores
 from .equal_causes import SET_WIDTH
 from .linear_model import LIVE
 
-#: rates a resolution element (1 / length of the driver)
+#: rates for each resolution element (1 / range of the driver)
 OVERSAMPLED = 4
-#: waves within the rows, at least: fewer may be any bend
+#: fewest waves over the range of the rows: fewer may be any smooth curve
 _FEWEST_WAVES = 3.0
-#: shapes of a wave: orders of the period
+#: shapes of a wave: harmonic orders of the period
 SHAPES = ((1,), (1, 2), (1, 2, 3))
-#: longer periods, whose harmonic a wave may be
+#: multiples of the detected period that may be the true one
 _LONGER = (1, 2, 3)
-#: of waves that would be as large by chance, how many are expected, from where no flips are asked
+#: expected number of waves as large by chance from which a wave is rejected without sign flips
 _PLAINLY_CHANCE = 0.03
-#: waves that a part of the rows is offered: the best of all rows, and those beside them
+#: waves tried in a part of the rows: the best of all rows, and so many neighbouring rates
 _SHORTLIST, _BESIDE = 60, 2
 _SHARE = 'periods'
-#: part of a wave's energy that must be beyond one wave a turn: of rows at even steps some rates are
-#: the same as none, and with no rows between them any size of the wave would fit
+#: part of a wave's energy that must remain beyond a constant and one wave a turn: with evenly
+#: spaced rows some rates alias to these, and any amplitude of the wave would fit
 _SEEN = 0.2
-#: length of the mean of exp(i 2 pi angle / step) from which rows are at even steps (within 6 % of a
-#: step, 1 sigma), and rows that it is asked of, at least
+#: |mean of exp(i 2 pi angle / step)| above which rows are evenly spaced (within 6 % of a step, 1
+#: sigma), and the rows used to find it
 _EVEN, _STEPPED = 0.93, 200
-#: numbers in the columns of waves from which on none but the next are kept
+#: size of the cache of wave columns, in numbers
 _KEPT = 5_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class WaveScan:
-    """One driver of waves.
+    """The waves of one driver.
 
     Attributes
     ----------
     angle : ndarray, shape (n,)
-        Radians; NaN where it is not known.
+        The driver, radians; NaN where unknown.
     factor : ndarray, shape (2n,)
-        Of the waves in each value.
+        Effect of a unit wave on each value.
     rates : ndarray, shape (F,)
-        Ascending, per radian of the angle: so many waves a turn.
+        Ascending, waves per turn of the angle.
     effect : callable
-        ``effect(rate, orders)``: what a wave stands for.
+        ``effect(rate, orders)``: the effect of a wave.
     """
 
     angle: np.ndarray
@@ -79,8 +79,9 @@ class WaveScan:
 
     @classmethod
     def over(cls, angle, factor, low, high, effect):
-        """With rates from `low` to `high`, as close as the length of the angle asks for, of which
-        `_FEWEST_WAVES` are within it; None where there are none.
+        """Scan of rates from `low` to `high`, spaced according to the range of the angle.
+
+        At least `_FEWEST_WAVES` waves fit in that range; None where there is no such rate.
         """
         known = angle[np.isfinite(angle)]
         turns = float(np.ptp(known)) / (2.0 * np.pi) if len(known) else 0.0
@@ -92,19 +93,19 @@ class WaveScan:
 
     @property
     def step(self):
-        """Between two rates."""
+        """Spacing of the rates."""
         return float(self.rates[1] - self.rates[0]) if len(self.rates) > 1 else 0.0
 
     def rows(self, rows):
-        """Of some rows (indices of n)."""
+        """The scan of some rows (indices of n)."""
         n = len(self.angle)
         return WaveScan(self.angle[rows], self.factor[np.concatenate((rows, rows + n))],
                         self.rates, self.effect)
 
     def seen(self, rates):
-        """Whether these rows show waves of `rates` (k,), of either phase: a mask, shape (k,).
+        """Whether these rows can show waves of `rates` (k,) at any phase: a mask, shape (k,).
 
-        At even steps a wave may be as slow as the terms of a mount are.
+        With evenly spaced rows a wave may alias to one as slow as the terms of a mount.
         """
         n = len(self.angle)
         weight = np.hypot(self.factor[:n], self.factor[n:]) * np.isfinite(self.angle)
@@ -122,7 +123,7 @@ class WaveScan:
         return least > _SEEN * 0.5 * (weight @ weight)
 
     def even_step(self):
-        """Step of the angle at which nearly all rows stand, radians; None where they do not."""
+        """Spacing of the angle if nearly all rows are evenly spaced, radians; else None."""
         known = self.angle[np.isfinite(self.angle)]
         known = known[::max(len(known) // _STEPPED, 1)]
         together = np.abs(np.exp(1j * np.multiply.outer(self.rates, known)).mean(axis=1))
@@ -145,7 +146,7 @@ class WaveScan:
 
 
 class _WaveColumns:
-    """As an ndarray of shape (k, 2n), of which the rows are made when they are asked for."""
+    """Lazy ndarray of shape (k, 2n): rows are computed on demand."""
 
     def __init__(self, bank):
         self._bank = bank
@@ -183,7 +184,7 @@ class _WaveColumns:
 
 
 class _WaveEffects:
-    """As a list of effects, each made when it is asked for."""
+    """Lazy list of effects, each made on demand."""
 
     def __init__(self, bank):
         self._bank = bank
@@ -207,12 +208,13 @@ class PeriodBank(CandidateBank):
     Attributes
     ----------
     count : int
-        Rates of all scans: groups of each shape, one shape after the other.
+        Number of rates of all scans, and of groups of each shape; groups are ordered by shape.
     rate : ndarray, shape (3 count,)
+        Rate of each group.
     near : ndarray of int or None
         Groups that are tried; None: all of the first shape.
     kept : dict
-        Columns that were asked for: the same are asked for again with each fit.
+        Cache of columns, which each fit needs again.
     """
 
     def __init__(self, scans):
@@ -242,7 +244,7 @@ class PeriodBank(CandidateBank):
         return len(self.rate)
 
     def same_share(self, g):
-        """Waves of one order each, and `g`."""
+        """All sinusoids that the rows can show, and `g`."""
         return np.union1d(self.shares[_SHARE], [g])
 
     def rows(self, rows):
@@ -258,13 +260,13 @@ class PeriodBank(CandidateBank):
         return self.tuned_as(self._offered)
 
     def tuned_as(self, rate):
-        """The bank with the rates of another, shape (3 count,)."""
+        """The bank with other rates, shape (3 count,)."""
         out = copy(self)
         out.rate, out.kept = rate.copy(), {}
         return out
 
     def score(self, fit, groups=None):
-        """As of any bank, of the groups that are tried, and of `groups` at least."""
+        """See `CandidateBank.score`; by default of the groups that are tried, else of `groups`."""
         tried = self.shares[_SHARE]
         if self.near is not None:
             tried = np.intersect1d(tried, self.near)
@@ -276,7 +278,7 @@ class PeriodBank(CandidateBank):
         return fit.known[key]
 
     def _scored(self, fit, groups):
-        # what is tried of thousands may be few, here and there
+        # the groups to score may be few and scattered among thousands
         dof, gains = np.zeros(len(self), int), np.full(len(self), -np.inf)
         for block in self._blocks(groups):
             columns = np.concatenate([np.arange(a, b) for a, b in zip(
@@ -287,20 +289,18 @@ class PeriodBank(CandidateBank):
         return Scores(dof, gains, self, fit)
 
     def bases(self, fit, groups=None):
-        """As of any bank; by default of the groups that are tried."""
+        """See `CandidateBank.bases`; by default of all sinusoids that the rows can show."""
         return super().bases(fit, self.shares[_SHARE] if groups is None else groups)
 
     def tune(self, g, rate):
-        """Let group `g` have another rate near its own."""
+        """Set the rate of group `g`, near its own."""
         self.rate[g], self._tuned = rate, self._tuned + 1
         self.kept.clear()
 
     def offer(self, scores, without=()):
-        """Of the first shape the group that gains most, but of the scans of some groups; -1 where
-        chance alone would make some as large.
-        """
+        """The sinusoid that gains most, not of the scans of `without`; -1 if plainly by chance."""
         line, gains = self.line[:self.count], scores.delta_bic[:self.count]
-        # what grows toward the end of a scan has its peak beyond it, and is another thing
+        # a gain that rises toward the end of a scan has its peak beyond it, and another cause
         edge = np.diff(line, prepend=-1, append=-1) != 0
         beside = np.concatenate(([np.inf], gains, [np.inf]))
         peak = (gains >= np.where(edge[:-1], np.inf, beside[:-2])) & (
@@ -311,25 +311,25 @@ class PeriodBank(CandidateBank):
             return -1
         live = max(np.count_nonzero(scores.fit.weights > LIVE), 2)
         free = live - 0.5 * len(scores.fit.basis) - 2.0
-        ratio = scores.delta_bic[g] / live + 3.0 * np.log(live) / live  # ln of the variances'
+        ratio = scores.delta_bic[g] / live + 3.0 * np.log(live) / live  # ln of the variance ratio
         expected = self.count / OVERSAMPLED * np.exp(-0.5 * free * ratio)
         return g if expected < _PLAINLY_CHANCE else -1
 
     def best_of_scans(self, scores, g):
-        """Of each scan but that of `g` the group that gains most."""
+        """The group that gains most of each scan but that of `g`."""
         return [int(of[np.argmax(scores.delta_bic[of])]) for scan in range(len(self.scans))
                 if scan != self.line[g] and len(of := np.flatnonzero(
                     self.line[:self.count] == scan))]
 
     def shaped(self, fit, g):
-        """The shape and the rate of a wave that was found beside a fit.
+        """The best shape and rate of a detected wave.
 
         Parameters
         ----------
         fit : WeightedFit
-            Without it.
+            Fit without the wave.
         g : int
-            Of the first shape.
+            Its group of the first shape.
 
         Returns
         -------
@@ -346,7 +346,7 @@ class PeriodBank(CandidateBank):
                 continue
             near = self.nearest(scan, base)
             for shape, orders in enumerate(SHAPES):
-                # of a longer period what was seen is its highest order, or before it
+                # the detected wave must be among the orders of a longer period
                 if max(orders) < longer or (longer == 1 and shape == 0) or not self.scans[
                         scan].seen(base * np.array(orders)).all():
                     continue
@@ -357,7 +357,7 @@ class PeriodBank(CandidateBank):
         return found
 
     def tuned_rate(self, fit, g, rate, rounds=3):
-        """The best rate of a group about one, and its gain there."""
+        """The best rate of a group near `rate`, and its gain there."""
         width = self.scans[self.line[g]].step
         for _ in range(rounds):
             rates = rate + width * np.linspace(-1.0, 1.0, 9)
@@ -367,7 +367,7 @@ class PeriodBank(CandidateBank):
         return rate, float(gains[best])
 
     def _gains_at(self, fit, g, rates):
-        """Gains of a group with other rates."""
+        """Gains of a group at other rates."""
         orders = SHAPES[g // self.count]
         columns = self.scans[self.line[g]].waves(
             np.multiply.outer(rates, np.repeat(orders, 2)).ravel(),
@@ -376,26 +376,26 @@ class PeriodBank(CandidateBank):
         return bank._scored(fit, None).delta_bic
 
     def shortlist(self, scores, chosen):
-        """Try only the best in parts of the rows: of some scores, and those about a choice."""
+        """Limit the rates tried in parts of the rows to those near the best scores or `chosen`."""
         order = np.argsort(-scores.delta_bic[:self.count])[:_SHORTLIST]
         centres = np.concatenate((order, np.asarray(chosen, int) % self.count))
         near = (centres[:, None] + np.arange(-_BESIDE, _BESIDE + 1)).ravel()
         self.near = np.unique(np.clip(near, 0, self.count - 1))
 
     def aliases(self, fit, g, width):
-        """Rates of the same scan that do as well as a wave that was found, within `width` of BIC.
+        """Rates of the same scan that fit as well as a detected wave, within `width` of BIC.
 
         Parameters
         ----------
         fit : WeightedFit
-            Without it.
+            Fit without the wave.
         g : int
         width : float
 
         Returns
         -------
         ndarray
-            Best first; none within a resolution element of its own.
+            Best first; none within a resolution element of the wave's rate or its harmonics.
         """
         own, orders = self.rate[g], SHAPES[g // self.count]
         first = self._first_of(self.line[g])
@@ -405,7 +405,7 @@ class PeriodBank(CandidateBank):
                             [own * n for n in orders])
 
     def as_good(self, fit, scan, least, untuned, known=()):
-        """Rates of a scan that gain so much once they are tuned, and nearly so before.
+        """Rates of a scan with a gain above `least` when tuned, and above `untuned` before.
 
         Parameters
         ----------
@@ -413,7 +413,7 @@ class PeriodBank(CandidateBank):
         scan : int
         least, untuned : float
         known : sequence of float
-            Rates: none within a resolution element of these.
+            Rates within a resolution element of these are skipped.
 
         Returns
         -------
@@ -434,7 +434,7 @@ class PeriodBank(CandidateBank):
         return np.array(out)
 
     def nearest(self, scan, rate):
-        """Group of the first shape of a scan that was offered nearest to a rate."""
+        """Group of the first shape of a scan whose untuned rate is nearest to `rate`."""
         return int(self._first_of(scan)[np.argmin(np.abs(self.scans[scan].rates - rate))])
 
     def _first_of(self, scan):
@@ -443,7 +443,7 @@ class PeriodBank(CandidateBank):
 
 
 class _Wave:
-    """What a group of a bank needs to be scored, and no more."""
+    """Minimal effect, with what scoring needs."""
 
     scan, scanned, size, share, line = 'period', 1, None, _SHARE, 0
 
@@ -456,11 +456,12 @@ class _Plain(CandidateBank):
 
 
 def rate_error(fit, scan, rate, orders):
-    """Standard error of the rate of a wave beside a fit without it, per radian.
+    """Standard error of the rate of a wave, per radian.
 
     Parameters
     ----------
     fit : WeightedFit
+        Fit without the wave.
     scan : WaveScan
     rate : float
     orders : sequence of int

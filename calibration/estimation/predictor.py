@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model that is to predict, and names no cause: several ways to one, and their mixture.
+"""A model for prediction only, without causes: several methods, and their weighted mixture.
 
-Each way is fitted without blocks of time, one after the other; the mixture is the one that would
-have predicted these blocks best. Plain terms are left for it only where that gains more than two
-standard errors. What rows left out show is also how large the standard error of a new star is.
+Each method is cross-validated over blocks of time; the mixture has the weights that predict the
+held-out blocks best (stacking). It replaces the plain terms only if it gains more than two standard
+errors. The held-out rows also calibrate the standard error of a new star.
 """
 
 from dataclasses import dataclass, field
@@ -30,52 +30,54 @@ from .folds import contiguous_folds
 from .robust import bisquare, huber
 from .shrinkage import Beyond, chosen, shrunk, shrunk_beside_strong
 
-#: kinds of columns beside the terms
+#: kinds of columns other than the terms
 DIRECT, DRIVEN, STEP, SLOW = range(4)
-#: the ways, the plain terms first
+#: the methods, the plain terms first
 WAYS = ('terms', 'choice', 'choice with steps', 'ridge', 'strong effects and ridge')
-#: one prior for all is at odds with strong effects, and far off beyond the rows: alone it is taken
-#: where it is better by a standard error (Breiman et al. 1984, Classification and Regression Trees)
+#: plain ridge, whose one prior suits no strong effects and extrapolates badly: in the mixture only
+#: if better by a standard error (Breiman et al. 1984, Classification and Regression Trees)
 _RIDGE, _STRONG_TOO = WAYS[3:]
 BLOCKS = 10
-#: standard errors of a gain, from which on plain terms are left
+#: standard errors of a gain above which the mixture replaces the plain terms
 _CLEAR = 2.0
-#: the strong are those that pay so many times their cost by BIC
+#: strong effects gain this many times their cost in BIC
 _STRONG = 4.0
-#: of the best way's squares, added to each: shares of ways that are alike are then alike
+#: part of the best method's sum of squares added to each: gives similar methods similar weights
 _ALIKE = 0.1
-#: updates of variances, from nothing and from those of all rows
+#: updates of prior variances, from scratch and from those of all rows
 _ROUNDS, _AGAIN = 15, 3
-#: weight below which a row is an outlier, and no way is judged by it
+#: weight below which a row is an outlier, not used to compare methods
 LIVE = 0.05
-#: factors of the noise and of the coefficients' errors that are tried
+#: factors of the noise that are tried
 _NOISES = np.exp(np.linspace(np.log(0.7), np.log(2.5), 14))
-#: noise at least, arcsec or sigmas: less is rounding
+#: least noise, arcsec or sigmas: less is rounding
 _LEAST = 1e-6
-#: degrees of freedom of Student's t by which they are judged, and its scale that fits normal noise
+#: Student's t for the likelihood of these factors: degrees of freedom, scale for normal noise
 _TAILS, _OF_NORMAL = 10.0, 0.915
+#: factors of the coefficients' errors that are tried
 _ERRORS = np.exp(np.linspace(0.0, np.log(5.0), 9))
 
 
 @dataclass
 class PredictionProblem:
-    """Values, the terms' columns, and others.
+    """Values, columns of the terms, and other columns.
 
     Attributes
     ----------
     base : ndarray, shape (p, 2n)
+        Columns of the terms.
     others : ndarray, shape (K, 2n)
-        Each about 1 in size.
+        Other columns, each of size about 1.
     kind : ndarray of int, shape (K,)
         `DIRECT`, `DRIVEN`, `STEP`, `SLOW`.
     axis : ndarray of int, shape (K,)
-        Of the `SLOW` ones, 0 or 1.
+        Axis of the `SLOW` ones, 0 or 1.
     b : ndarray, shape (2n,)
     inverse_sigma : ndarray, shape (2n,), or None
     order : ndarray of float, shape (n,)
-        By which rows follow one another.
+        Sort key of the rows, such as time.
     group : ndarray of int, shape (n,)
-        Rows that are left out together.
+        Rows with one number are held out together.
     """
 
     base: np.ndarray
@@ -94,16 +96,16 @@ class PredictionProblem:
 
     @property
     def n(self):
-        """Rows."""
+        """Number of rows."""
         return len(self.b) // 2
 
     @property
     def p(self):
-        """Terms."""
+        """Number of terms."""
         return len(self.base)
 
     def prior(self, slow=True):
-        """Number of the prior's group of each column; -1: none."""
+        """Prior group of each column; -1: none."""
         out = np.where(self.kind <= DRIVEN, self.kind, -1)
         return np.where((self.kind == SLOW) & slow, 2 + self.axis, out)
 
@@ -121,27 +123,28 @@ class PredictionProblem:
 
 @dataclass
 class Predictor:
-    """What was found to predict.
+    """The fitted prediction model.
 
     Attributes
     ----------
     coefficients : ndarray, shape (p + K,)
-        Of the terms and the other columns.
+        Coefficients of the terms and the other columns.
     shares : dict of str to float
-        Of each of `WAYS`; of the terms alone 1, where they are kept.
+        Weight of each of `WAYS` in the mixture; 1 for the terms if these are kept.
     gain, gain_sigma : float
-        ln of the RMS of the terms over that of the mixture, in blocks left out, and its error.
+        ln of the cross-validated RMS of the terms over that of the mixture, and its error.
     errors : dict of str to float
-        RMS of each way in blocks left out, without outliers.
+        Cross-validated RMS of each method, without outliers.
     covariance : ndarray, shape (p + K, p + K)
-        Whatever was found: where there are no rows what is beyond the terms is not known either.
+        Of all columns even if the terms are kept: away from the rows effects beyond the terms stay
+        unknown.
     terms_covariance : ndarray, shape (p, p)
-        If there is nothing beyond the terms.
+        Covariance if there are no effects beyond the terms.
     noise : ndarray, shape (2,)
         Standard deviation of a new star's two values (in sigmas, if these were given).
     weights : ndarray, shape (n,)
     blocks : ndarray, shape (2, 2, n)
-        Residuals of rows in the blocks left out: the terms, the mixture.
+        Residuals of held-out rows: by the terms, by the mixture.
     """
 
     coefficients: np.ndarray
@@ -157,16 +160,16 @@ class Predictor:
 
     @property
     def beyond(self):
-        """Whether the terms are left."""
+        """Whether the mixture has replaced the plain terms."""
         return self.shares.get('terms', 0.0) < 1.0
 
     def variance(self, columns):
-        """Of predictions by columns (p + K, 2m), without the star's noise, shape (2m,)."""
+        """Variance of predictions with columns (p + K, 2m), without noise, shape (2m,)."""
         return np.maximum(np.einsum('ij,ij->j', columns, self.covariance @ columns), 0.0)
 
 
 def predictor(problem, rows=None):
-    """Fit each way to some rows, and mix them by blocks of time left out.
+    """Fit each method to some rows, and weight them by cross-validation over blocks of time.
 
     Parameters
     ----------
@@ -199,7 +202,7 @@ def predictor(problem, rows=None):
     shares = np.array([shares[mixed.index(way)] if way in mixed else 0.0 for way in WAYS])
     mixture = sum(share * left[way] for share, way in zip(shares, WAYS))
     gain, gain_sigma = _gain(left['terms'], mixture, live)
-    # shares are fitted to the same blocks: what that gains by chance (Akaike 1974)
+    # weights are fitted to the same blocks: the gain expected from that alone (Akaike 1974)
     fitted = (len(WAYS) - 1) / (2.0 * sum(map(len, live)))
     if not gain - fitted > _CLEAR * gain_sigma:
         shares, mixture = np.eye(len(WAYS))[0], left['terms']
@@ -213,7 +216,7 @@ def predictor(problem, rows=None):
 
 
 def rows_left_out(problem, folds):
-    """Rows predicted by all that was found without them.
+    """Cross-validated residuals, with the whole `predictor` refitted for each fold.
 
     Parameters
     ----------
@@ -223,9 +226,9 @@ def rows_left_out(problem, folds):
     Returns
     -------
     residual : ndarray, shape (2, 2, n)
-        By the terms alone, by what was found.
+        By the terms alone, by the prediction model.
     sigma : ndarray, shape (2, n)
-        Stated for a new star.
+        Predicted standard error of a new star.
     """
     out, sigma = np.empty((2, 2, problem.n)), np.empty((2, problem.n))
     for fold in folds:
@@ -247,13 +250,13 @@ def _of_values(weights, scale):
 
 
 def _scale(residual, weights, free):
-    """Noise of the two axes; never zero."""
+    """Noise of the two axes, with a floor."""
     least = 1e-9 * np.abs(residual).max() + _LEAST
     return np.sqrt((weights * residual**2).sum(axis=1) / np.maximum(free, 1e-9)) + least
 
 
 def terms_alone(problem, rows):
-    """Robust fit of the terms: coefficients, weights of rows, noise of the axes."""
+    """Robust fit of the terms: coefficients, weights of the rows, noise of the axes."""
     n, p = problem.n, problem.p
     weights, scale = rows.astype(float), np.ones(2)
     part = np.sqrt(2.0 * rows.sum() / max(2.0 * rows.sum() - p, 1.0))
@@ -271,7 +274,7 @@ def terms_alone(problem, rows):
 
 
 def _reweighted(problem, rows, weights, scale):
-    """Weights of rows by how far each is from what the others say of it by ridge."""
+    """Robust weights from the leave-one-out residuals of a ridge fit."""
     n, p = problem.n, problem.p
     values = _of_values(weights, scale)
     beyond = Beyond.of(problem.columns, p, values, weights)
@@ -287,7 +290,7 @@ def _reweighted(problem, rows, weights, scale):
 
 
 def _leverage(problem, beyond, found, values):
-    """Share of each value in its own prediction, shape (2, n), at most 0.9."""
+    """Leverage of each value, shape (2, n), at most 0.9."""
     base, used = problem.columns[:problem.p], problem.p + found.used
     of_base = np.einsum('ij,ij->j', base, beyond.inverse[0] @ base)
     rest = problem.columns[used] - beyond.base[0][:, found.used].T @ base
@@ -296,7 +299,7 @@ def _leverage(problem, beyond, found, values):
 
 
 def _ways(problem, beyond):
-    """Coefficients (sets, p + K) by each way but the terms, and the `Shrunk` of all columns."""
+    """Coefficients (sets, p + K) by each method but the terms, and the `Shrunk` of all columns."""
     kind, prior = problem.kind, problem.prior()
     ridge = shrunk(beyond.only(slice(0, 1)), prior, _ROUNDS)
     again = shrunk(beyond.only(slice(1, None)), prior, _AGAIN, ridge)
@@ -312,21 +315,22 @@ def _ways(problem, beyond):
 
 
 def _shares(left):
-    """Shares, not negative and of sum 1, of ways whose mixture leaves least (Breiman 1996,
-    Machine Learning 24, 49).
+    """Stacking weights: nonnegative with sum 1, for the least sum of squares of the mixture.
+
+    See Breiman 1996, Machine Learning 24, 49.
     """
     left = np.array([one.ravel() for one in left])
     squares = left @ left.T
     squares[np.diag_indices(len(left))] += _ALIKE * squares.diagonal().min()
     squares = squares / max(float(np.trace(squares)), 1e-300) + 1e-9 * np.eye(len(left))
     shares, most = np.zeros(len(left)), 0.0
-    # they are few: of all sets of them the best whose shares are not negative
+    # methods are few: try all subsets, and keep the best with nonnegative weights
     for some in map(np.flatnonzero, product((False, True), repeat=len(left))):
         found = np.linalg.solve(squares[np.ix_(some, some)], np.ones(len(some)))
         if len(some) and found.min() >= 0.0 and found.sum() > most:
             shares, most = np.zeros(len(left)), found.sum()
             shares[some] = found / most
-    shares[shares < 0.02] = 0.0  # of no use to anybody
+    shares[shares < 0.02] = 0.0  # negligible
     return shares / shares.sum()
 
 
@@ -343,7 +347,7 @@ def _gain(before, after, blocks):
 
 
 def _of_all(problem, beyond, ridge):
-    """Covariance of all coefficients under the prior, of all rows and without each block."""
+    """Posterior covariance of all coefficients, from all rows and without each block."""
     p, used = problem.p, ridge.used
     across = beyond.base[:, :, used]
     inner = -across @ ridge.covariance
@@ -355,9 +359,9 @@ def _of_all(problem, beyond, ridge):
 
 
 def _between(ways, shares):
-    """What the ways differ by is part of the error (Draper 1995, J. R. Statist. Soc. B 57, 45).
+    """Covariance between the methods, a part of the error (Draper 1995, JRSS B 57, 45).
 
-    Each counts by its share, and all that go beyond the terms alike.
+    Each counts half by its weight, and half equally with all other methods beyond the terms.
     """
     each = np.array([ways[way] for way in WAYS])
     spread = each - np.tensordot(shares, each, axes=1)
@@ -366,8 +370,9 @@ def _between(ways, shares):
 
 
 def _calibrated(problem, left, scale, covariance, blocks):
-    """Noise of a new star, and the factor of the coefficients' errors: what is likeliest by rows
-    left out.
+    """Noise of a new star, and factor of the coefficients' errors, by maximum likelihood.
+
+    From the held-out residuals.
     """
     squares, known = [], []
     for one, block in zip(covariance[1:], blocks):
@@ -381,7 +386,7 @@ def _calibrated(problem, left, scale, covariance, blocks):
         for c in _ERRORS:
             variance = (a * scale[:, None])**2 + c**2 * known
             ratio = squares / variance
-            # Student's t: tails that are longer than normal ones say little of the middle
+            # Student's t, so that long tails hardly affect the fit of the core
             likely = -0.5 * np.sum(np.log(variance) + (_TAILS + 1.0) * np.log1p(
                 ratio / (_TAILS * _OF_NORMAL**2)) + 2.0 * np.log(_OF_NORMAL))
             best = max(best, (likely, a, c))

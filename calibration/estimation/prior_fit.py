@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Least squares with what is known of some coefficients beforehand, and how likely the rows are.
+"""Least squares with Gaussian priors of some coefficients, and its marginal likelihood.
 
-Coefficients are free, or have a mean and a covariance (ridge regression; Robinson 1991, Statistical
-Science 6, 15: mixed models). All that is asked is in one small matrix, the products of the whitened
-columns with each other and with the values: so another prior costs no pass over the rows.
+Coefficients are free, or have a prior mean and covariance (ridge regression; Robinson 1991,
+Statistical Science 6, 15: mixed models). All results follow from one small matrix, the products of
+the whitened columns with each other and with the values: another prior needs no pass over the rows.
 """
 
 from functools import cached_property
 
 import numpy as np
 
-#: singular value of a unit column beyond the others from which it determines something
+#: relative singular value (unit columns) below which a direction is undetermined
 RCOND = 1e-5
 
 
@@ -33,13 +33,13 @@ class PriorFit:
     Parameters
     ----------
     gram : ndarray, shape (k + 1, k + 1)
-        Products of the columns, and last the values, all whitened.
+        Products of the whitened columns, the values being the last.
     count : int
-        Values.
+        Number of values.
     precision : ndarray, shape (k, k)
-        Inverse covariance of what is known beforehand; zero of free coefficients.
+        Inverse prior covariance; zero for free coefficients.
     mean : ndarray, shape (k,), optional
-        What is known; zero if not given.
+        Prior mean; zero if not given.
     """
 
     def __init__(self, gram, count, precision, mean=None):
@@ -56,13 +56,13 @@ class PriorFit:
 
     @property
     def determined(self):
-        """Whether rows and prior leave no direction of the coefficients open."""
+        """Whether rows and prior determine all coefficients."""
         values = self._spectrum[0]
         return bool(values[0] > RCOND**2 * values[-1])
 
     @cached_property
     def covariance(self):
-        """Of the coefficients, shape (k, k); of what nothing is known of, huge."""
+        """Covariance of the coefficients, shape (k, k); huge along undetermined directions."""
         values, vectors, length = self._spectrum
         inverse = vectors / np.maximum(values, RCOND**2 * values[-1])
         return (inverse @ vectors.T) / np.outer(length, length)
@@ -84,14 +84,14 @@ class PriorFit:
 
     @property
     def square(self):
-        """Sum of squares that is left, of the values and of the prior."""
+        """Residual sum of squares, of the values and of the prior."""
         off = self.gram[-1, -1] + self.mean @ self.precision @ self.mean
         right = self.gram[:-1, -1] + self.precision @ self.mean
         return float(off - right @ self.covariance @ right)
 
     @property
     def log_det(self):
-        """Of the inverse covariance of the coefficients."""
+        """ln of the determinant of the inverse covariance of the coefficients."""
         values, _, length = self._spectrum
         return float(np.sum(np.log(np.maximum(values, RCOND**2 * values[-1])))
                      + 2.0 * np.sum(np.log(length)))
@@ -104,19 +104,19 @@ def gram_of(columns, values):
 
 
 class MixedFit:
-    """The mean over fits of which each is as likely as a number says.
+    """Average over fits with given probabilities.
 
     Parameters
     ----------
     fits : list of PriorFit
-        Of the same coefficients.
+        Fits of the same coefficients.
     chances : sequence of float
-        They sum to 1.
+        Probabilities of the fits, with sum 1.
 
     Attributes
     ----------
     coefficients, covariance
-        As of `PriorFit`; the covariance has what the fits differ by.
+        See `PriorFit`; the covariance includes the scatter between the fits.
     """
 
     def __init__(self, fits, chances):
@@ -129,7 +129,7 @@ class MixedFit:
 
     @property
     def determined(self):
-        """Whether all of them are."""
+        """Whether all fits are determined."""
         return all(one.determined for one in self.fits)
 
     @property

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What groups of a few columns take off sums of squares, of very many groups at a time."""
+"""Reduction of the residual sum of squares by groups of few columns, for very many groups."""
 
 from functools import cache
 
@@ -28,18 +28,19 @@ def each_two(d):
 
 
 def directions(gram):
-    """What makes groups of unit columns orthonormal, of their products beyond the model.
+    """Factors that make groups of unit columns orthonormal.
 
     Parameters
     ----------
     gram : ndarray, shape (..., d, d)
+        Products of the columns of each group, orthogonal to the model.
 
     Returns
     -------
     factor : ndarray, shape (..., d, d)
-        Zero columns where a group has fewer directions of its own than `DISTINCT` asks for.
+        Columns are zero for directions below the limit `DISTINCT`.
     dof : ndarray of int, shape (...)
-        Directions.
+        Number of directions.
     """
     values, vectors = _eigen(gram)
     keep = values > DISTINCT**2
@@ -48,7 +49,7 @@ def directions(gram):
 
 
 def _eigen(gram):
-    """As `numpy.linalg.eigh`, which takes ten times as long of many that are this small."""
+    """`numpy.linalg.eigh`, but ten times as fast for many 1 x 1 or 2 x 2 matrices."""
     if gram.shape[-1] == 1:
         return gram[..., 0], np.ones_like(gram)
     if gram.shape[-1] > 2:
@@ -63,34 +64,35 @@ def _eigen(gram):
 
 def times_rows(a, b):
     """Products of the rows of many small matrices, (..., d, k) each: shape (..., d, d)."""
-    if a.shape[-2] == 1:  # one by one `@` would take ten times as long
+    if a.shape[-2] == 1:  # `@` would take ten times as long
         return (a * b).sum(axis=-1, keepdims=True)
     return a @ np.swapaxes(b, -1, -2)
 
 
 def _times(a, b):
-    """As `a @ b`, which takes ten times as long of many 1 x 1."""
+    """`a @ b`, but ten times as fast for many 1 x 1 matrices."""
     return a * b if a.shape[-1] == 1 else a @ b
 
 
 def reduced_squares(squares, across, length):
-    """Sums of squares of each axis of what is left, with each group in the model too.
+    """Residual sums of squares of each axis, with each group added to the model in turn.
 
     Parameters
     ----------
     squares : sequence of ndarray, shape (..., m)
-        Of each axis, without the groups.
+        Residual sums of squares of each axis without the groups.
     across : sequence of (ndarray of shape (..., G, d, d), ndarray of shape (..., G, d, m))
-        Of each axis, products of the groups beyond the model with themselves, and with what is
-        left.
+        For each axis, products of the groups (orthogonal to the model) with themselves, and with
+        the residuals.
     length : ndarray, shape (..., G, d)
-        Of the columns, before the model took its part.
+        Lengths of the columns, before the model was projected out.
 
     Returns
     -------
     left : list of ndarray, shape (..., G, m)
-        As precise as the products with what is left.
+        In the number type of the products with the residuals.
     dof : ndarray of int, shape (..., G)
+        Directions that each group adds.
     """
     own, with_left = map(sum, zip(*across))
     scale = 1.0 / np.where(length > 0.0, length, 1.0)[..., None]

@@ -12,16 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Places visited again: the noise of one visit, and what moved between, without a model.
+"""Revisited places: the noise of one visit, and steps between visits, without a pointing model.
 
-What is the same at each visit of a place, the errors of the mount in that direction above all, is
-gone from the differences between visits. What is left is noise, and what changed with time. They
-decide whether something moved; where it did, all rows decide, with a smooth model.
+Errors that are the same at each visit of a place, above all those of the mount in that direction,
+cancel in the differences between visits. Noise and changes with time remain. They decide whether
+something moved; when it moved is fitted to all rows with a smooth model.
 
-Whether anything moved is asked by permutation: if nothing did, the visits of a place could have
-come in any order. Whether it moved at once is asked beside noise that remembers: runs of the
-likeliest such noise are simulated, and a step must explain the visits better than it does in all
-but a few of these.
+Whether anything moved is tested by permutation: if nothing did, the visits of a place are
+exchangeable. Whether it moved at once is tested against correlated noise: runs with the most likely
+such noise are simulated, and the step must explain the visits better than in any of these.
 """
 
 from functools import cached_property
@@ -35,55 +34,54 @@ from pointing_model.rms import sigma_of
 from .robust import GROSS
 from .step_scan import step_place, two_sided
 
-#: rad, within which visits are of one place: what terms leave changes little there
+#: rad, radius of a place: residuals of the terms change little within it
 SAME_PLACE = 3.0 * DEG
-#: differences between visits, at least: of fewer no order is rare
+#: fewest differences between visits: with fewer no permutation is significant
 FEWEST = 6
-#: chance of as much, in any of the candidates, by any order of the visits, which asks nothing of
-#: the noise but is never small of few visits (0.8 % of eight pairs, twice that with one pair that
-#: tells nothing), and by white normal noise: both are asked. Ten times the latter, Student's t with
-#: the number of the candidates, which are alike, is beyond it by far
+#: family-wise significance levels of a step: by permutation, which assumes nothing about the noise
+#: but cannot be small with few visits (0.8 % with eight pairs, twice that with one pair that shows
+#: nothing); and by white normal noise. Both must pass. The third rejects early: p by Student's t
+#: times the number of candidates (Bonferroni; they are correlated)
 _BY_ORDER, _BY_NOISE, _NOT_NEAR = 0.05, 0.006, 0.1
-#: robust sigmas to which single visits are brought, so that one wild row moves nothing
+#: robust sigmas at which single visits are clipped, so that one outlier is no step
 _CLIP = 3.0
-#: visits that are looked at, also for noise that remembers, and moments that are tried, at most
+#: most visits used, in all and against correlated noise; most moments tried
 _MOST, _LIKELY, _MOMENTS = 600, 160, 120
-#: orders that are drawn (all of them, where there are no more), and runs of white noise
+#: random permutations (all of them if there are no more), and runs of white noise
 _ORDERS, _NOISES = 1999, 3999
-#: runs with noise that remembers that are simulated, in parts: none may look as much like a step
+#: simulated runs with correlated noise, in stages: none may look as much like a step
 _RUNS = (10, 40, 350)
-#: 2 ln(likelihood ratio) that one of these always reaches
+#: 2 ln(likelihood ratio) that one of these runs always reaches
 _LEAST_RATIO = 10.0
-#: part of the most that a step explains of the visits: between moments with so much all rows
-#: decide
+#: part of the largest gain: a step is located between the moments around it with less
 _NEAR = 0.5
-#: part of the contrast of a place that a step must have in so many places, summed
+#: least contrast of a step within places, squared and summed over all of them
 _STRADDLE = 2.0
-#: variances of a process over that of the white noise of a visit; parts of the span that it
-#: remembers
+#: variances of the process over that of the white noise of a visit; its correlation times as parts
+#: of the span
 _VARIANCES = np.concatenate(([0.0], np.geomspace(0.05, 2000.0, 12)))
 _MEMORIES = (0.02, 0.06, 0.2)
 
 
 class VisitMove(NamedTuple):
-    """What moved between visits.
+    """A step between visits.
 
     Attributes
     ----------
     axis : int
         0 or 1.
     amount, sigma : float
-        Of the zero of the axis, later less earlier.
+        Change of the zero of the axis, later minus earlier.
     before, after : int
-        Rows that are neighbours in time.
+        Last row before the step and first row after it.
     both : int
-        Places visited before and after.
+        Number of places visited both before and after.
     chance : float
-        Of as much by noise without memory, at most.
+        Upper limit of p under white noise.
     left : ndarray, shape (2, m)
-        Deviations of the visits of `Revisits.again` without it, of both axes.
+        Deviations of the visits of `Revisits.again` without the step, on both axes.
     dofs : ndarray of int, shape (2,)
-        Of `left`.
+        Degrees of freedom of `left`.
     """
 
     axis: int
@@ -107,33 +105,33 @@ class Revisits:
     position : ndarray, shape (n,)
         Time, or place in the order.
     value : ndarray, shape (2, n)
-        What is measured there: offsets, or what a smooth model leaves of them.
+        Measured offsets, or their residuals from a smooth model.
     radius : float
         rad; visits within it of the first one are of one place.
     design : pair of ndarray, shape (k, n), optional
-        Columns of the smooth model on each axis; where something moved, and whether at once, asks
-        for them.
+        Columns of the smooth model on each axis; used to locate a step and to test whether it
+        came at once.
     factor : ndarray, shape (2, n), optional
-        What a shift of each axis makes in `value`, as cos E of an azimuth.
+        Effect of a unit shift of each axis on `value`, such as cos E for an azimuth.
     group : ndarray of int, shape (n,), optional
-        Rows that are one visit: exposures of a star within minutes share their errors.
+        Rows with one number are one visit: exposures of a star within minutes share their errors.
     side : ndarray of int, shape (n,), optional
-        Rows with another number are of another place, as the other side of the pier.
+        Rows with different numbers, such as the side of the pier, are of different places.
     zero : ndarray of int, shape (n,), optional
-        Rows with another number have zeros of their own, which `value` is without.
+        Rows with different numbers have different zeros, already removed from `value`.
 
     Attributes
     ----------
     place : ndarray of int, shape (m,)
-        Of each visit, in order of time.
+        Place of each visit, in order of time.
     again : ndarray of bool, shape (m,)
-        Visits of places that have two or more.
+        Visits of places with two or more.
     position : ndarray, shape (m,)
-        Of each visit.
+        Position of each visit.
     rows : list of ndarray
         Rows of each visit.
     zeros : int
-        How many numbers `zero` has.
+        Number of different values of `zero`.
     """
 
     def __init__(self, direction, position, value, radius, design=None, factor=None, group=None,
@@ -158,7 +156,7 @@ class Revisits:
         self._own = np.unique(self.place[self.again], return_inverse=True)[1]
 
     def _mean(self, values):
-        """Of the rows of each visit, shape (..., m)."""
+        """Mean over the rows of each visit, shape (..., m)."""
         flat = values.reshape(-1, values.shape[-1])
         count = np.bincount(self._visit)
         return np.array([np.bincount(self._visit, one) / count for one in flat])[
@@ -166,22 +164,22 @@ class Revisits:
 
     @property
     def places(self):
-        """How many places were visited again."""
+        """Number of places visited again."""
         return int(self._own.max(initial=-1)) + 1
 
     @property
     def differences(self):
-        """How many independent differences there are: visits again."""
+        """Number of independent differences between visits."""
         return len(self._own) - self.places
 
     def _off(self, values):
-        """Without the mean of each place, of visits of `again`."""
+        """Values of the visits of `again`, less the mean of each place."""
         sums = np.zeros((*values.shape[:-1], self.places))
         np.add.at(np.moveaxis(sums, -1, 0), self._own, np.moveaxis(values, -1, 0))
         return values - (sums / np.bincount(self._own))[..., self._own]
 
     def _later(self, axis, moments):
-        """A step of one unit of an axis, in all visits, at each moment, (t, m)."""
+        """Effect of a unit step of an axis at each moment on all visits, (t, m)."""
         later = (self.position > np.reshape(moments, (-1, 1))).astype(float)
         return later * self._factor[axis]
 
@@ -190,9 +188,9 @@ class Revisits:
         return self._tamed(self._value)
 
     def _tamed(self, value):
-        """Deviations from the mean of the place, large ones brought near, shape (2, m).
+        """Deviations from the mean of the place, clipped, shape (2, m).
 
-        Of a place with a gross one nothing, for it says nothing of the others.
+        Zero for places with a gross outlier, which would shift the mean.
         """
         off = self._off(value[:, self.again])
         sigma = np.array([[sigma_of(one)] for one in off])
@@ -201,18 +199,18 @@ class Revisits:
         return self._off(np.clip(off, -_CLIP * sigma, _CLIP * sigma))
 
     def _dof(self, tame):
-        """Of what is left of a step in each axis, by the places that are not gross."""
+        """Degrees of freedom of each axis beside a step, without places with gross outliers."""
         return [np.count_nonzero(sound) - len(np.unique(self._own[sound])) - 1
                 for sound in tame != 0.0]
 
     @cached_property
     def _moments(self):
-        """Positions at which a step is tried."""
+        """Positions at which a step is tested."""
         return even_sample(self._between, _MOMENTS)
 
     @cached_property
     def _between(self):
-        """Positions between visits that enough places were visited before and after."""
+        """Positions between visits with enough places visited both before and after."""
         between = np.unique((0.5 * (self.position[1:] + self.position[:-1]))[
             np.diff(self.position) > 0.0])
         steps = self._off(self._later(1, between)[:, self.again])
@@ -220,7 +218,7 @@ class Revisits:
 
     @cached_property
     def noise(self):
-        """1 sigma of one visit, each axis, shape (2,), robust; NaN where none differ."""
+        """Robust 1 sigma of one visit on each axis, shape (2,); NaN without revisits."""
         if not self.differences:
             return np.full(2, np.nan)
         left, dofs = (self._tame, np.array(self._dof(self._tame)) + 1) if self.move is None else (
@@ -229,12 +227,12 @@ class Revisits:
 
     @cached_property
     def move(self):
-        """What moved, by one step of both axes where all rows put it: `VisitMove`, or None."""
+        """`VisitMove` of a significant step, located by all rows with both axes; or None."""
         if self._likely is None:
             return None
         axis, chance, near = self._likely
         position, design, factor, value = self._of_rows
-        # what is before and after in other zeros these zeros have taken up
+        # zeros removed from `value` have absorbed part of the step: fit them again
         numbers = np.unique(self._zero[near])
         zeros = [factor * (self._zero == number) * one for number in numbers
                  for one in np.eye(2)[..., None]]
@@ -254,7 +252,7 @@ class Revisits:
 
     @cached_property
     def _likely(self):
-        """Axis, chance and rows between which a step lies, if one is beyond chance."""
+        """Axis, p, and rows between which a step lies, if one is significant; else None."""
         if self.differences < FEWEST:
             return None
         dofs = self._dof(self._tame)
@@ -270,7 +268,7 @@ class Revisits:
         by_student = 2 * len(self._moments) * float(two_sided(np.sqrt(best), dofs[axis]))
         if by_student > _NOT_NEAR:
             return None
-        rng = np.random.default_rng(0)  # the same rows give the same chance
+        rng = np.random.default_rng(0)  # the same rows give the same p
         orders = self._orders(rng)
         white = [self._off(rng.standard_normal((_NOISES, len(self._own)))) * one for one in sound]
         for runs, limit in (([tame[orders] for tame in self._tame], _BY_ORDER), (white, _BY_NOISE)):
@@ -290,10 +288,10 @@ class Revisits:
         return axis, min(float(chance) + 1.0 / _NOISES, by_student), near
 
     def _orders(self, rng):
-        """Orders of the visits within their places, the first one as it was, (b, m)."""
+        """Permutations of the visits within their places, the first the identity, (b, m)."""
         m, pairs = len(self._own), self.places
         slots = np.argsort(self._own, kind='stable')
-        if m == 2 * pairs and 2**pairs <= _ORDERS + 1:  # all that there are
+        if m == 2 * pairs and 2**pairs <= _ORDERS + 1:  # all permutations
             flips = (np.arange(2**pairs)[:, None] >> np.arange(pairs)) & 1
             partner = np.empty(m, int)
             partner[slots] = slots.reshape(-1, 2)[:, ::-1].ravel()
@@ -305,7 +303,7 @@ class Revisits:
 
     @cached_property
     def at_once(self):
-        """Whether the move was a step: told from noise that remembers, by all visits."""
+        """Whether the move was a step: significant against correlated noise, from all visits."""
         if self.move is None:
             return False
         axis, rng = self.move.axis, np.random.default_rng(0)
@@ -316,7 +314,7 @@ class Revisits:
         design = self._design[axis][:, some]
         design = design[np.abs(design).max(axis=1) > 1e-6]
         contrasts = np.linalg.qr(design.T, mode='complete')[0][:, len(design):]
-        # what the directions do beyond the smooth model is the same at each visit of a place
+        # errors of a direction beyond the smooth model are the same at each visit of a place
         same = max(np.var(value) / max(np.mean(self.move.left[axis]**2), 1e-300) - 1.0, 0.0)
         processes = _Processes(self.position[some], contrasts,
                                self._later(axis, self._moments)[:, some] @ contrasts,
@@ -329,7 +327,7 @@ class Revisits:
 
 
 class _Processes:
-    """White noise, and beside it a process along the position, of contrasts between visits.
+    """Likelihoods of white noise plus a correlated process, for contrasts between visits.
 
     Parameters
     ----------
@@ -337,13 +335,13 @@ class _Processes:
     contrasts : ndarray, shape (m, k)
         Orthonormal.
     steps : ndarray, shape (t, k)
-        Candidates, in contrasts.
+        Candidate steps, in contrasts.
     factor : ndarray, shape (m,)
-        Of the process in each visit.
+        Factor of the process in each visit.
     same : ndarray of bool, shape (m, m)
-        Visits of one place.
+        Whether two visits are of one place.
     shares : sequence of float
-        Variances of what such visits have in common, over that of the noise, that are tried.
+        Variances to try for the common error of a place, over that of the noise.
     """
 
     def __init__(self, position, contrasts, steps, factor, same, shares):
@@ -368,7 +366,7 @@ class _Processes:
                                    weight @ np.square(turned).T))
 
     def ratios(self, data):
-        """2 ln(likelihood) with the best step less without, and the likeliest process without it.
+        """2 ln of the likelihood ratio of the best step, and the most likely process without it.
 
         Parameters
         ----------
@@ -378,7 +376,7 @@ class _Processes:
         -------
         ratio : ndarray, shape (b,)
         likely : list of (int, int)
-            Process and variance.
+            Indices of the process and of its variance.
         """
         k = data.shape[1]
         alone, beside = [], []
@@ -395,14 +393,14 @@ class _Processes:
         return beside.max(axis=(1, 2)) - flat.max(axis=1), likely
 
     def simulated(self, process, count, rng):
-        """Contrasts of runs with a process of `ratios`, shape (count, k); the scale is any."""
+        """Simulated contrasts with a process of `ratios`, shape (count, k), of arbitrary scale."""
         out_of, weight = self._each[process[0]][1:3]
         noise = rng.standard_normal((count, weight.shape[1]))
         return noise / np.sqrt(weight[process[1]]) @ out_of.T
 
 
 def _squares(steps, data, dof):
-    """Student's t squared of each step beside each of the data, (b, t)."""
+    """Student's t squared of each step in each set of data, (b, t)."""
     size = np.maximum(np.square(steps).sum(axis=1), 1e-12)
     gain = np.square(data @ steps.T) / size
     left = np.maximum(np.square(data).sum(axis=1)[:, None] - gain, 1e-300)
@@ -410,7 +408,7 @@ def _squares(steps, data, dof):
 
 
 def _places(direction, side, radius):
-    """Number of the place of each visit: of the nearest first visit within the radius."""
+    """Place of each visit: that of the nearest first visit within the radius, or a new one."""
     n, count, nearest = len(side), 0, np.cos(radius)
     centres, sides, out = np.zeros((n, 3)), np.zeros(n), np.empty(n, int)
     for i, one in enumerate(direction.T):
@@ -424,6 +422,6 @@ def _places(direction, side, radius):
 
 
 def _thinned(place, again):
-    """Visits of every so-manieth place, where they are too many."""
+    """Visits of evenly thinned places, if there are more than `_MOST`."""
     step = -(-np.count_nonzero(again) // _MOST)
     return again if step < 2 else again & np.isin(place, np.unique(place[again])[::step])

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Robust losses, and whether two values of a row scatter alike, whatever the outliers.
+"""Robust losses, and robust comparison of the scatter of two values of a row.
 
-A loss is what one does with a row by its distance from the fit, in standard deviations: of one
-residual, or of both axes of a row together (the radial distance, of which the Gaussian share beyond
-u is exp(-u^2 / 2)). A new one is a function of weights here, and `LOSS` if fits are to have it.
+A loss weights a row by its distance from the fit, in standard deviations: of one residual, or of
+both axes together (the radial distance; for Gaussian noise the fraction exp(-u^2 / 2) is beyond
+u). A new loss is a weight function here; fits use `LOSS`.
 """
 
 from math import erfc
@@ -26,25 +26,25 @@ import numpy as np
 
 from pointing_model.rms import sigma_of
 
-#: where Huber's weights set in (Huber 1964). Of the radial distance it has 95.0 % of the
-#: efficiency of least squares at Gaussian noise (96.4 % on one axis), as 1.345 has on one axis.
+#: distance from which Huber's weights decrease (Huber 1964). For the radial distance its efficiency
+#: at Gaussian noise is 95.0 % of least squares (96.4 % on one axis), as that of 1.345 on one axis.
 HUBER = 1.5
-#: from where the bisquare gives no weight. 95 % efficiency would be 4.685 on one axis and 5.12 of
-#: the radial distance; 7 has 98.6 %. Tried on the 80 directions of calibration/data/mmt (error of
-#: the fitted model in 1-sigma noise, 5.12 -> 7 -> 9): clean 0.292 -> 0.288 -> 0.287, Student's t
-#: of 3 degrees 0.359 -> 0.368 -> 0.384, a fifth of the rows 42 sigma off together 0.33 each, a
-#: tenth 8 sigma off 0.33 -> 0.33 -> 0.52; three tenths 42 sigma off break it, 5.12 not. So 7 is
-#: the mildest that still holds against a tenth of small outliers.
+#: distance from which the bisquare weight is zero. 95 % efficiency would be 4.685 on one axis and
+#: 5.12 for the radial distance; 7 has 98.6 %. Tried on the 80 directions of calibration/data/mmt
+#: (error of the fitted model in 1-sigma noise, 5.12 -> 7 -> 9): clean 0.292 -> 0.288 -> 0.287,
+#: Student's t of 3 degrees 0.359 -> 0.368 -> 0.384, a fifth of the rows 42 sigma off together 0.33
+#: each, a tenth 8 sigma off 0.33 -> 0.33 -> 0.52; three tenths 42 sigma off break it, but not
+#: 5.12. So 7 is the mildest that still resists a tenth of small outliers.
 BISQUARE = 7.0
-#: bends of Hampel's three-part weights (Hampel et al. 1986, section 2.6). The bends usual there,
-#: near 2, 4 and 8, reject the very rows that an effect of few rows is made of; with these a row
-#: counts up to 25 sigma (99.9 % efficiency), and one of degrees of error does not.
+#: corners of Hampel's three-part weights (Hampel et al. 1986, section 2.6). The usual corners, near
+#: 2, 4 and 8, reject the very rows that show an effect of few rows; with these a row has weight up
+#: to 25 sigma (99.9 % efficiency), and one with an error of degrees has none.
 HAMPEL = (3.0, 12.0, 25.0)
-#: radial distance from which a row is gross: where the bisquare gives none of it any weight
+#: radial distance of a gross outlier: where its bisquare weight is zero
 GROSS = BISQUARE
-#: distance beyond which no table of weights goes, and steps of one
+#: largest distance in a table of weights, and its number of steps
 _FARTHEST, _STEPS = 14.0, 28_000
-_TINY = 1e-12  # of the scale, below which a value counts as so much
+_TINY = 1e-12  # least absolute value, over the scale, before the logarithm
 
 
 def huber(u):
@@ -69,11 +69,12 @@ class Loss(NamedTuple):
     Attributes
     ----------
     weights : callable
-        Of distances u; they fall faster than 1 / u^2, so that wild rows are no noise either.
+        Weights of distances u. They fall faster than 1 / u^2, so that outliers do not inflate the
+        noise either.
     variance : float
-        Of the weighted residuals of unit Gaussian noise: E[w r^2] / E[w].
+        Variance of the weighted residuals for unit Gaussian noise: E[w r^2] / E[w].
     inflation : float
-        The covariance of the estimate over the inverse of the weighted normal matrix.
+        Covariance of the estimate over the inverse of the weighted normal matrix.
     """
 
     weights: object
@@ -82,17 +83,17 @@ class Loss(NamedTuple):
 
     @classmethod
     def of(cls, weights):
-        """Of weights, with what they do to Gaussian noise on two axes."""
+        """Loss of a weight function, with its constants for Gaussian noise on two axes."""
         u = np.arange(5e-4, 9.0, 1e-3)
         w, chance = weights(u), u * np.exp(-0.5 * u**2) * 1e-3
-        square = 0.5 * u**2  # of one axis, on average
+        square = 0.5 * u**2  # mean square of one axis
         # E[w r^2] is the mean slope of w r too (Stein's identity)
         total, slope = chance @ w, chance @ (w * square)
         return cls(weights, float(slope / total),
                    float(chance @ (w**2 * square) / slope**2 * total))
 
     def table(self, count):
-        """The distance from where weights are zero (or `_FARTHEST`), and weights up to there.
+        """The distance at which weights vanish (or `_FARTHEST`), and a table of weights up to it.
 
         Returns
         -------
@@ -106,33 +107,33 @@ class Loss(NamedTuple):
         return reach, self.weights(np.linspace(0.0, reach, count))
 
     def squared_distance(self, weights):
-        """The way back from weights above 0 to u^2, same shape."""
+        """u^2 from weights above 0, same shape."""
         reach, table = self.table(_STEPS)
         u = np.linspace(0.0, reach, _STEPS)
         return np.interp(weights, table[::-1], np.square(u[::-1]))
 
 
-#: that of fits
+#: the loss of fits
 LOSS = Loss.of(bisquare)
 
 
 def scale_ratio(first, second, order=None):
-    """How many times as much one of two values scatters, and the chance that both do alike.
+    """Ratio of the scatter of two values, and p for equal scatter.
 
-    By the signed ranks of ln(|first| / |second|), row by row (Wilcoxon 1945, Biometrics 1, 80):
-    outliers count no more than others, and what makes a row worse in both counts nothing. Rows that
-    resemble their neighbours count as fewer.
+    By a signed-rank test of ln(|first| / |second|), row by row (Wilcoxon 1945, Biometrics 1, 80):
+    outliers have no more influence than other rows, and errors common to both cancel. Correlated
+    neighbours count as fewer rows.
 
     Parameters
     ----------
     first, second : ndarray, shape (n,)
     order : ndarray of int, shape (n,), optional
-        Rows in their sequence.
+        Row indices in order of time.
 
     Returns
     -------
     ratio : float
-        Of the robust scales.
+        Ratio of the robust scales.
     p : float
         Two-sided.
     """
@@ -145,16 +146,16 @@ def scale_ratio(first, second, order=None):
     signed = rank * np.sign(off)
     left = signed - signed.mean()
     alike, n = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300), len(off)
-    # of few rows it is estimated too small (Marriott and Pope 1954, Biometrika 41, 390)
+    # corrects the bias with few rows (Marriott and Pope 1954, Biometrika 41, 390)
     alike = min(max(alike + (1.0 + 3.0 * alike) / n, 0.0), 0.95)
     variance = float(np.square(rank).sum()) * (1.0 + alike) / (1.0 - alike)
     return scales[0] / scales[1], erfc(abs(signed.sum()) / np.sqrt(2.0 * variance))
 
 
 def scale_law(values, factors):
-    """How much likelier values scatter with a factor than evenly, as ln of the likelihood ratio.
+    """ln of the likelihood ratio of scatter proportional to a factor over constant scatter.
 
-    Of Laplace's distribution, whose tails hold outliers.
+    For the Laplace distribution, whose tails allow outliers.
 
     Parameters
     ----------
@@ -164,7 +165,7 @@ def scale_law(values, factors):
     Returns
     -------
     float
-        Below zero: evenly.
+        Below zero: constant scatter is more likely.
     """
     size = np.abs(values)
     even = -len(size) * np.log(max(float(np.mean(size)), 1e-300))

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Coefficients of hundreds of columns beside a few that are there anyway, for all folds at once.
+"""Selection or shrinkage of hundreds of columns beside a fixed base, for all folds at once.
 
-Rows of a fold that is left out are taken off the normal matrix of all, so each fold costs no more
-than its own rows. What the base explains is projected out; the rest is chosen one by one or shrunk
-toward zero by variances that the rows tell themselves (generalised ridge: MacKay 1992, Neural
-Computation 4, 415; Tipping 2001, J. Machine Learning Research 1, 211).
+The rows of a held-out fold are subtracted from the normal matrix of all rows, so each fold costs no
+more than its own rows. The base is projected out; the other columns are selected one by one, or
+shrunk toward zero with prior variances estimated from the rows (generalised ridge: MacKay 1992,
+Neural Computation 4, 415; Tipping 2001, J. Machine Learning Research 1, 211).
 """
 
 from dataclasses import dataclass
@@ -26,35 +26,36 @@ import numpy as np
 
 from .group_columns import inverse_root
 
-#: of a column, the part that is not the base's or a chosen one's, squared: less is rounding
+#: squared part of a column that must remain beyond the base and selected columns: less is rounding
 _DISTINCT = 1e-6
-_MOST = 40  # columns that are chosen
-#: free values that must be left: so many, and this part of all
+_MOST = 40  # most columns selected
+#: least residual degrees of freedom: this number, and this part of all values
 _FREE, _FREE_PART = 3, 0.25
-#: noise is at least this part of what the base leaves, squared
+#: least noise variance, over the mean square of the residuals of the base
 _LEAST_NOISE = 1e-3
-#: of what a group adds to a value's variance, relative to what the base leaves
+#: limits of the variance that a group adds to a value, over the residuals of the base
 _BOUNDS = 1e-9, 1e7
-#: squares that the base leaves in a row of unit noise, at least: less is rounding
+#: least sum of squared residuals per row of unit noise: less is rounding
 _ROUNDING = 1e-6
 
 
 @dataclass
 class Beyond:
-    """Normal equations of columns beyond a base, for F sets of rows.
+    """Normal equations of columns with a base projected out, for F sets of rows.
 
     Attributes
     ----------
     normal : ndarray, shape (F, K, K)
     right : ndarray, shape (F, K)
+        Right-hand sides.
     squares : ndarray, shape (F,)
-        Of what the base leaves.
+        Sum of squared residuals of the base alone.
     base : ndarray, shape (F, p, K + 1)
-        Coefficients of the base by which it explains each column, and the values.
+        Coefficients of the base fitted to each column, and to the values.
     inverse : ndarray, shape (F, p, p)
-        Of the base's normal matrix.
+        Inverse normal matrix of the base.
     own : ndarray, shape (F, K)
-        Squares of the columns themselves.
+        Squared lengths of the columns before projection.
     rows : ndarray, shape (F,)
         Sum of the rows' robust weights.
     """
@@ -69,17 +70,18 @@ class Beyond:
 
     @classmethod
     def of(cls, columns, p, weights, rows, folds=()):
-        """Of all rows, and without each of some folds.
+        """Normal equations of all rows, and without each of some folds.
 
         Parameters
         ----------
         columns : ndarray, shape (p + K + 1, 2n)
-            The base, the others, the values.
+            The base, the other columns, the values.
         p : int
+            Number of base columns.
         weights : ndarray, shape (2n,)
-            Of the values.
+            Weights of the values.
         rows : ndarray, shape (n,)
-            Robust weights of the rows, 0 of those that are not there.
+            Robust weights of the rows, 0 for excluded ones.
         folds : sequence of ndarray of int
 
         Returns
@@ -110,27 +112,27 @@ class Beyond:
 
     @property
     def free(self):
-        """Values beyond the base's coefficients, shape (F,)."""
+        """Residual degrees of freedom of the base, shape (F,)."""
         return np.maximum(2.0 * self.rows - self.base.shape[1], 1.0)
 
     def only(self, sets):
-        """Of some of the sets of rows (a slice)."""
+        """Some of the sets of rows (a slice)."""
         return Beyond(*(getattr(self, name)[sets] for name in self.__dataclass_fields__))
 
     def whole(self, coefficients):
-        """Coefficients of the base and the others, shape (F, p + K), of those of the others."""
+        """All coefficients, shape (F, p + K), given those of the other columns."""
         base = self.base[:, :, -1] - np.einsum('fpk,fk->fp', self.base[:, :, :-1], coefficients)
         return np.hstack((base, coefficients))
 
     def without(self, taken):
-        """The same with columns `taken` (indices) in the base, of one set of rows.
+        """Project out columns `taken` (indices) too, for one set of rows.
 
         Returns
         -------
         Beyond
-            These columns are zero.
+            With zeros for these columns.
         of_taken : ndarray, shape (t, K + 1)
-            Their coefficients by which they explain each column, and the values.
+            Coefficients of these columns fitted to each column, and to the values.
         """
         inner, across = self.normal[0][np.ix_(taken, taken)], self.normal[0][taken]
         of_taken = np.linalg.solve(inner, np.column_stack((across, self.right[0, taken])))
@@ -145,21 +147,22 @@ class Beyond:
 
 
 def chosen(beyond, allowed, cost, extra=0.0):
-    """Columns added while they pay by BIC, then dropped while that pays.
+    """Forward selection by BIC, then backward elimination.
 
     Parameters
     ----------
     beyond : Beyond
     allowed : ndarray of bool, shape (K,)
+        Columns that may be selected.
     cost : float
-        Of a column, in ln(rows).
+        BIC penalty of a column, in ln(rows).
     extra : float or ndarray, shape (K,)
-        Of each, besides: what a scan tries costs more.
+        Additional penalty, for the scanned parameters of a column.
 
     Returns
     -------
     ndarray, shape (F, K)
-        Coefficients; zero of what is not chosen.
+        Coefficients; zero for columns not selected.
     """
     out = np.zeros_like(beyond.right)
     total, p = 2.0 * beyond.rows, beyond.base.shape[1]
@@ -177,7 +180,7 @@ def chosen(beyond, allowed, cost, extra=0.0):
 
 
 def _forward(normal, right, squares, least, price, total, most):
-    """Places of the columns that are added: each is swept out of the others."""
+    """Indices of the columns selected; each is projected out of the others (pivoted Cholesky)."""
     taken, open_ = [], np.ones(len(right), bool)
     right, left, factors = right.copy(), normal.diagonal().copy(), np.empty((0, len(right)))
     while len(taken) < min(most, _MOST):
@@ -187,7 +190,7 @@ def _forward(normal, right, squares, least, price, total, most):
         k = int(np.argmax(gain)) if len(gain) else -1
         if k < 0 or not gain[k] > 0.0:
             break
-        # a step of Cholesky's, in the order in which they are chosen
+        # one step of Cholesky's factorisation, in the order of selection
         row = (normal[k] - factors[:, k] @ factors) / np.sqrt(left[k])
         share = right[k] / np.sqrt(left[k])
         squares = max(squares - share**2, _ROUNDING * squares)
@@ -200,7 +203,7 @@ def _forward(normal, right, squares, least, price, total, most):
 
 
 def _backward(beyond, f, taken, price, total):
-    """What of a choice stays."""
+    """Backward elimination: drop columns of `taken` while that gains BIC."""
     while len(taken):
         inverse = np.linalg.inv(beyond.normal[f][np.ix_(taken, taken)])
         right = beyond.right[f, taken]
@@ -216,19 +219,19 @@ def _backward(beyond, f, taken, price, total):
 
 @dataclass
 class Shrunk:
-    """Coefficients under a prior of groups that have a variance each.
+    """Coefficients shrunk with one prior variance for each group.
 
     Attributes
     ----------
     coefficients : ndarray, shape (F, K)
     variances : ndarray, shape (F, G)
-        Of the groups' coefficients.
+        Prior variance of each group's coefficients.
     noise : ndarray, shape (F,)
         Variance of a value of unit weight.
     covariance : ndarray, shape (F, k, k)
-        Of the columns in a group, beyond the base.
+        Posterior covariance of the coefficients of the columns `used`.
     used : ndarray of int, shape (k,)
-        These columns.
+        Columns that belong to a group.
     """
 
     coefficients: np.ndarray
@@ -239,17 +242,17 @@ class Shrunk:
 
 
 def shrunk(beyond, group, rounds, start=None):
-    """Groups of columns whose coefficients have a variance in common, that the rows tell.
+    """Ridge regression with one prior variance for each group, estimated from the rows.
 
     Parameters
     ----------
     beyond : Beyond
     group : ndarray of int, shape (K,)
-        Number of the group of each column; -1: left out.
+        Group of each column; -1: not used.
     rounds : int
-        Of MacKay's updates.
+        Number of MacKay's updates.
     start : Shrunk, optional
-        Of the rows of which these are a part (its first).
+        Result for all rows (its first set), whose variances are the initial ones.
 
     Returns
     -------
@@ -297,7 +300,7 @@ def shrunk(beyond, group, rounds, start=None):
 
 
 def shrunk_beside_strong(beyond, group, rounds, allowed, cost):
-    """`shrunk` with the effects that pay `cost` times over in the base: these are not shrunk.
+    """`shrunk`, but effects that gain `cost` times their BIC penalty are not shrunk.
 
     Returns
     -------

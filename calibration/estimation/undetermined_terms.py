@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""When a coefficient, or a direction of coefficients, counts as undetermined by the rows.
+"""Which coefficients, or directions of coefficients, the rows do not determine.
 
-With columns of unit length the design has directions in which the coefficients leave no trace in
-the rows: their singular values are nearly nothing. Along them a coefficient may have any value,
-and one with a share in them is undetermined. As many coefficients as there are such directions are
-held at zero, so that the others carry what the rows show; the smallest solution, of which a little
-is in every coefficient, would put a part of unknown values into those that are well determined.
+A direction is undetermined if its singular value (of columns of unit length) is nearly zero: the
+coefficients may have any value along it. A coefficient with a component along such a direction is
+undetermined. As many coefficients as there are such directions are held at zero, so that the others
+carry the signal. The minimum-norm solution instead would spread it over all of them, and put a part
+of unknown values into well-determined ones.
 
-A direction along which noise alone leads to other columns (`is_bent`) counts as one of them.
+A direction along which noise alone changes the columns (`is_bent`) counts as undetermined too.
 """
 
 from typing import NamedTuple
@@ -29,39 +29,40 @@ import numpy as np
 
 from .least_squares import TOLERANCE, weighted_solve
 
-#: of a unit vector along the directions, from where a coefficient has a share in them
+#: component of a coefficient along undetermined unit directions from which it is undetermined
 SHARE = 1e-3
-#: as large a part as this of what another would determine, and a coefficient is held in its place
+#: factor that ranks coefficients in `last` lower when choosing which to hold at zero
 _INSTEAD = 0.1
-#: of the noise of all residuals, what one standard error along the worst direction bends them by,
-#: in ways that no coefficient follows (Bates and Watts 1980, J. R. Stat. Soc. B 42, 1: half the
-#: intrinsic curvature); and of the largest singular value, that of a direction which may be so
+#: largest intrinsic nonlinearity: change of the residuals, over the noise of all, by one standard
+#: error along the worst direction, that no coefficients can fit (Bates and Watts 1980, J. R. Stat.
+#: Soc. B 42, 1: half the intrinsic curvature). Only tested if the relative singular value is below
+#: `WEAK`
 _BENT, WEAK = 0.3, 0.01
-#: rad: a standard error of a coefficient along it from where bends that the others follow matter
-#: too: 2 of 1000 runs within 0.001 degrees of a circle had terms 5 to 7 sigmas off; and where it is
-#: of none but coefficients that another direction leaves open anyway
+#: rad: standard error of a coefficient along the direction above which also nonlinearity that
+#: others can fit matters: 2 of 1000 runs within 0.001 degrees of a circle had terms 5 to 7 sigmas
+#: off. The second limit is for directions of only coefficients that are undetermined anyway
 _WIDE, _WIDE_OPEN = 0.0175, 0.0044
-#: of rcond, within the directions kept: their design changes with the weights, and what was chosen
-#: once must not drop out for that
+#: factor on rcond within the kept directions: their design changes with the weights, but the rank
+#: must not
 INNER = 0.01
 
 
 class Undetermined(NamedTuple):
-    """What a fit leaves open.
+    """Undetermined coefficients and directions of a fit.
 
     Attributes
     ----------
     terms : ndarray of int
-        Places of the coefficients that are undetermined, ascending.
+        Indices of the undetermined coefficients, ascending.
     fitted : ndarray of int
-        Places of those that are not held at zero: what is determined, and those undetermined ones
-        that carry the rest of them.
+        Indices of the coefficients not held at zero: the determined ones, and undetermined ones
+        that are fitted in place of those held.
     directions : ndarray, shape (m, k)
-        Of the coefficients, that the rows do not determine; the largest number of each is 1.
+        Undetermined directions of the coefficients; the largest component of each is 1.
     sizes : ndarray, shape (m,)
         Singular values of these directions, over the largest.
     moves : ndarray, shape (m,)
-        By how much a direction moves the weighted rows: the root of the sum of squares.
+        Change of the weighted rows along each direction: root of the sum of squares.
     """
 
     terms: np.ndarray
@@ -72,16 +73,16 @@ class Undetermined(NamedTuple):
 
     @classmethod
     def of(cls, spectrum, rank, last=None):
-        """Of a design.
+        """Undetermined coefficients of a design.
 
         Parameters
         ----------
         spectrum : least_squares.Spectrum
         rank : int
-            Directions that are determined.
+            Number of determined directions.
         last : sequence of int, optional
-            Coefficients that are held only where no others can be: the zeros of the axes, in which
-            all that is constant belongs. None: a series, of which none is held.
+            Coefficients held only if no others can be: the zeros of the axes, which should absorb
+            all constants. None: a series; none is held.
         """
         k = len(spectrum.s)
         s, vectors = spectrum.s[:k - rank], spectrum.vectors[:, :k - rank]
@@ -90,7 +91,7 @@ class Undetermined(NamedTuple):
         facts = (directions / largest[:, None], s / (spectrum.s[-1] or 1.0), s / np.abs(largest))
         if last is None:
             return cls(np.arange(0), np.arange(k), *facts)
-        # exactly zero columns are nobody's: they have the length 0, and the scale 1
+        # exactly zero columns are undetermined by themselves: they have length 0 and scale 1
         terms = np.flatnonzero(np.sum(np.square(vectors), axis=1) > SHARE**2)
         held, left = [], vectors.copy()
         likes = np.ones(k)
@@ -104,13 +105,13 @@ class Undetermined(NamedTuple):
         return cls(terms, np.setdiff1d(np.arange(k), held), *facts)
 
     def more(self, inner, basis):
-        """With what is undetermined of the coefficients that are not held, an `Undetermined`.
+        """Combine with an `Undetermined` of the coefficients that are not held.
 
         Parameters
         ----------
         inner : Undetermined
         basis : ndarray, shape (k, r)
-            Of the coefficients, those of `inner`.
+            Directions of all coefficients that are the coefficients of `inner`.
         """
         directions = inner.directions @ basis.T
         largest = np.abs(directions).max(axis=1)
@@ -121,20 +122,22 @@ class Undetermined(NamedTuple):
 
 
 def is_bent(problem, found, spectrum, by, rank):
-    """Whether noise alone moves the coefficients to where the columns are others.
+    """Whether noise alone moves the coefficients beyond the linear range.
 
-    One standard error to either side along the direction that is determined worst, from where
-    nothing of it is in the coefficients: what has gone along it has other columns, and may have
-    come to where these seem to determine more. What the columns follow of the bend is taken off.
+    Takes one standard error to either side along the worst-determined direction, from the point
+    where the coefficients have no component along it: a solution that has run along it has other
+    columns, which may seem to determine more. The part of the curvature that the columns can fit
+    is projected out.
 
     Parameters
     ----------
     problem, by
-        As of `gauss_newton`; weights of that spectrum.
+        See `gauss_newton`; `by`: weights of the spectrum.
     found : estimate.Estimate
-        With this direction.
+        Fit that includes this direction.
     spectrum : least_squares.Spectrum
     rank : int
+        Number of directions fitted.
     """
     way, noise = spectrum.vectors[:, -rank], 1.0
     if by is None:
