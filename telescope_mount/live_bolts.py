@@ -269,7 +269,7 @@ def _watched(source, args, model):
 
 
 def _watch(source, args, model, command):
-    """The watch, once the site is known."""
+    """The `BoltWatch`, once the site is known."""
     latitude = source.site.latitude if model is None else model.mount.latitude
     refraction = command.refraction_of(args, latitude)
     return BoltWatch(latitude, refraction, model,

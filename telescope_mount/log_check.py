@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Every derived number of a log, computed again from what it was derived from."""
+"""Recomputes every derived number of a log from its inputs, and compares."""
 
 import copy
 import json
@@ -41,15 +41,15 @@ from .log_check_rows import RAW, Pairing, at_time, began_anew
 from .log_comparison import LogComparison, same_document
 from .run_loader import declared_by
 
-#: states of the encoders' marks around a fit that are tried for a report without its own
+#: number of encoder homing states around a fit that are tried, for a report without its own
 _STATES = 3
 
 
 def verify_log(bag, *, reference=None, seed=None, progress=None):
-    """Compute zeros, models, reports and diagnoses of a log anew, and the observations too.
+    """Recompute zeros, models, reports and diagnoses of a log, and the observations, too.
 
-    Encoder readings and miss distances give the observations; the observations give the rest, in
-    their own calibration, without a ROS graph. A number is right if it is the same but for
+    Observations are computed from encoder readings and miss distances; the rest from the
+    observations, in a new calibration without a ROS graph. A number is right if it agrees within
     rounding.
 
     Parameters
@@ -57,25 +57,25 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     bag : str or Path
         Log of a night.
     reference : str or Path, optional
-        The reference model that the night had; by default what the log says of it.
+        The reference model of the night; by default that in the log.
     seed : int, optional
-        Of the choice of held-out stars; by default that of the log, or 1.
+        Seed of the choice of held-out stars; by default that of the log, or 1.
     progress : callable, optional
-        Called with (text, done, total) as it goes on.
+        Called with (text, done, total) for progress.
 
     Returns
     -------
     dict
-        ``checked`` (kind -> count), ``rounded`` (how many of these are the same but for rounding),
-        ``differences`` and ``unchecked``, a line each; ``damaged``, whether the log is.
+        ``checked`` (kind -> count), ``rounded`` (how many of these agree only within rounding),
+        ``differences`` and ``unchecked``, one line each; ``damaged``, whether the log is.
 
     Raises
     ------
     ValueError
-        Nothing derived is in the log, it holds the simulator's truth, its time went back, or the
-        reference is gone.
+        The log has nothing derived, or the simulator's truth; its time went back; or the
+        reference is missing.
     OSError
-        It may not be read.
+        The log cannot be read.
     """
     log = open_bag(bag)
     if log.has_truth:
@@ -116,7 +116,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
 
 
 class _LoggedRows:
-    """What of a log the calibration took and published."""
+    """What the calibration received and published, from a log."""
 
     def __init__(self):
         self.observations = {}  # stamp -> PointingRun
@@ -128,7 +128,7 @@ class _LoggedRows:
 
 
 def _read(log, prefix, check):
-    """One pass; observations are compared with their readings on the way."""
+    """One pass over the log; observations are compared with their readings on the way."""
     rows, pairing = _LoggedRows(), Pairing(log, prefix, check)
     names = (*rows.published, *RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
              'incremental/homing', 'observer/checks')
@@ -169,7 +169,7 @@ def _read(log, prefix, check):
     return rows
 
 
-# --- the calibration, once more ------------------------------------------------------------------
+# --- the calibration, repeated -------------------------------------------------------------------
 
 
 def _state(log, parameters, reference, seed, rows):
@@ -218,7 +218,7 @@ def _calibrate(rows, state, parameters, check, progress=lambda *_: None):
 
 
 class _Replay:
-    """What the calibration was requested at one stamp, done again and compared."""
+    """Repeats what the calibration was requested to do at one stamp, and compares."""
 
     def __init__(self, state, rows, parameters, check):
         self.state, self._rows, self._check = state, rows, check
@@ -232,7 +232,7 @@ class _Replay:
             for name in ('calibration/report', 'diagnosis'))
 
     def compare_request(self):
-        """What is requested to separate causes, after a row or a diagnosis."""
+        """Compare the request for a star that separates causes, after a row or a diagnosis."""
         text = self.state.requests.news()
         if not text:
             return
@@ -281,7 +281,7 @@ class _Replay:
                 self._check.compare('sigma of the zero', logged.sigma, zero.sigma, at_time(stamp))
 
     def _is_dated_reference(self, text):
-        """Whether a model is the reference, published with the zero that is relative to it."""
+        """Whether a model is the reference, published with a zero relative to it."""
         reference = self.state.reference
         if not self._parameters.get('reference_age') or reference is None:
             return False
@@ -295,7 +295,7 @@ class _Replay:
         logged = self._report(stamp)
         before, first, of = self.state, None, _document(logged or '').get('homing_stamp_ns')
         for homings in self._homings(log_time, of):
-            state = copy.deepcopy(before)  # a fit is compared with the one before it
+            state = copy.deepcopy(before)  # a fit is compared with the previous one
             model, report = state.fit(homings)
             if of is not None:
                 report['homing_stamp_ns'] = of
@@ -313,8 +313,8 @@ class _Replay:
         return model
 
     def _homings(self, log_time, stamp):
-        """The encoders' state of their marks at `stamp`, where the report has it; else that as of
-        `log_time`, then beside it, then nothing.
+        """Candidate homing states of the encoders: at `stamp`, if the report has it; else those
+        around `log_time`, the closest first, then none.
         """
         states = self._rows.homings
         newest = sum(when <= log_time for when, _ in states) - 1
@@ -327,7 +327,7 @@ class _Replay:
         yield None
 
     def _diagnose(self, stamp, again=False):
-        """The model of a diagnosis, or (`again`) of the comparison by blind stars after it."""
+        """The model of a diagnosis, or (`again`) of the check on blind stars after it."""
         logged = self._diagnoses.popleft() if self._diagnoses else '{}'
         document = json.loads(logged)
         text = self._parameters.get('site', '')
@@ -341,7 +341,7 @@ class _Replay:
         self.compare_request()
         if document:
             self._check.compare('diagnosis', logged, json.dumps(found.document), at_time(stamp))
-        # the report of the fit comes with it, the encoders cross-checked by the new model
+        # the report of the fit is repeated with it: encoders cross-checked by the new model
         report = state.report
         logged = (self._report(report['last_stamp_ns'])
                   if 'published' in document and report is not None else None)
@@ -350,7 +350,7 @@ class _Replay:
         return found.model
 
     def _report(self, stamp):
-        """The next one of the log, of a fit at `stamp`; fits that were refused had one too."""
+        """The next logged report of a fit at `stamp`; refused fits also have reports."""
         while self._reports:
             made = _document(self._reports[0]).get('last_stamp_ns', stamp)
             if made > stamp:
@@ -362,7 +362,7 @@ class _Replay:
 
 
 def _document(text):
-    """What a JSON text gives; nothing, where it is no such document."""
+    """Parsed JSON object; empty if the text is not one."""
     try:
         found = json.loads(text)
     except ValueError:

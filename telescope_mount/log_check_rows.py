@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Observations of a log, computed again from readings, exposures and tracks."""
+"""Recomputes the observations of a log from readings, exposures and tracks."""
 
 import struct
 from bisect import bisect_left, bisect_right
@@ -32,11 +32,11 @@ from telescope_mount.observing.frame_choice import (
     mean_over,
 )
 
-#: readings of an encoder that are kept until the observation of their time comes
+#: number of encoder readings kept until the observation of their time arrives
 READINGS = 50_000
-#: ns that an observation waits for readings after it, where no more of them are kept
+#: ns that an observation waits for later readings when the buffer is full
 PATIENCE = 60 * 10**9
-#: topics of the encoders -> their names in the columns of a run
+#: encoder topics -> names in the columns of a run
 RAW = {'incremental/joint_states': 'enc', 'absolute/joint_states': 'abs'}
 
 
@@ -46,7 +46,7 @@ def at_time(stamp):
 
 
 def began_anew(log):
-    """When the time of a log went back.
+    """Where the time of a log went back.
 
     Parameters
     ----------
@@ -55,8 +55,7 @@ def began_anew(log):
     Returns
     -------
     list of (int, int)
-        Each time that ``/clock`` went back, in the order in which it was published: from and to
-        which time, ns.
+        Times before and after each backward jump of ``/clock``, in the order of publication, ns.
     """
     clock = sorted((message.publish_time, stamp) for message in log.messages('/clock')
                    if (stamp := _stamp_in(message)) is not None)
@@ -66,37 +65,37 @@ def began_anew(log):
 
 
 class Pairing:
-    """Observations from readings and exposures, as the observer makes them.
+    """Computes observations from readings and exposures, like the observer.
 
     Parameters
     ----------
     log : BagReader
     prefix : str
-        Of its topics.
+        Prefix of its topics.
     check : object
-        With ``compare(kind, logged, computed, where)`` and the list ``unchecked``.
+        An object with ``compare(kind, logged, computed, where)`` and the list ``unchecked``.
     """
 
     def __init__(self, log, prefix, check):
         self._log, self._prefix, self._check = log, prefix, check
-        self._tracks = None  # stamp -> the request that began then, once a row asks for it
+        self._tracks = None  # stamp -> request that began then, read when first needed
         self._readings = {encoder: deque(maxlen=READINGS) for encoder in RAW.values()}
         self.frames = {}
         self._waiting = deque()
         self.offsets = {}
 
     def reading(self, encoder, message):
-        """Keep a reading; decoded only if an observation falls beside it."""
+        """Keep a reading; it is decoded only if an observation needs it."""
         stamp = _stamp_in(message)
         readings = self._readings[encoder]
         if stamp is None or (readings and 0 <= readings[-1][0] - stamp < CLOCK_JUMP):
-            return  # the observer refuses it: two encoders on one topic
+            return  # refused by the observer, too: two encoders on one topic
         readings.append((stamp, message))
         if self._waiting:
             self._go_on()
 
     def observation(self, stamp, run):
-        """Compare as soon as there are readings on both sides."""
+        """Compare as soon as readings on both sides are available."""
         self._waiting.append((stamp, run))
         self._go_on()
 
@@ -107,8 +106,8 @@ class Pairing:
             newest = [r[-1][0] if r else 0 for r in readings]
             ready = (stamp + _late(run) in self.frames
                      and min(newest) > stamp and min(newest) >= stamp + _half(run))
-            # nodes are not logged in the order in which they heard each other: on a busy machine
-            # one's messages come in a bunch, minutes of a simulated night at once
+            # nodes receive messages in another order than the log: on a busy machine those of one
+            # node come in a burst, minutes of a simulated night at once
             full = any(len(r) == READINGS for r in readings)
             if not (ready or end or (full and max(newest) >= stamp + PATIENCE)):
                 return
@@ -116,7 +115,7 @@ class Pairing:
             self._compare(stamp, run)
 
     def finish(self, observations):
-        """Compare what still waits, and the offsets of all `observations`."""
+        """Compare the waiting observations, and the offsets of all `observations`."""
         self._go_on(end=True)
         for stamp, run in observations.items():
             if stamp in self.offsets:
@@ -139,7 +138,7 @@ class Pairing:
                 angle = mean_over(*angles, track, stamp, half)
             if encoder == 'enc':
                 read, found[encoder] = angle, np.array(centred(*angle, *miss, beyond))
-                # of logs from before it was taken over a second
+                # older logs have the rate between two readings, not over a second
                 rates = rate, interpolate(*angles, stamp)[1]
             elif 'enc' in found:
                 found[encoder] = centred_second(angle, read, miss, beyond)
@@ -158,9 +157,9 @@ class Pairing:
             self._check.compare('rate of observation', logged, rate, at_time(stamp))
 
     def _track(self, begin):
-        """The track on which an exposure that began at `begin` (ns) was made, or None."""
+        """The track of an exposure that began at `begin` (ns), or None."""
         if self._tracks is None:
-            found = {}  # a request is renewed again and again; one without points withdraws it
+            found = {}  # requests are repeated; one without points is a withdrawal
             for message in self._log.messages(self._prefix + 'request'):
                 stamp = _stamp_in(message)
                 if stamp is None or stamp in found:
@@ -175,9 +174,9 @@ class Pairing:
         return Track(*self._tracks[place - 1][1])
 
     def _around(self, readings, stamp, half):
-        """Stamps and angles of the readings about an exposure, or None.
+        """Stamps and angles of the readings around an exposure, or None.
 
-        From a second before its middle, or from before its begin, to the first after its end.
+        From a second before its middle, or from before its begin, to the first one after its end.
         """
         def number(of):
             return bisect_left(readings, of, key=lambda reading: reading[0])
@@ -193,7 +192,7 @@ class Pairing:
 
 
 def _stamp_in(message):
-    """Of the header of a message that is not decoded, ns; None where it is too short."""
+    """Header stamp of an undecoded message, ns; None if it is too short."""
     order = '<' if message.data[1:2] == b'\1' else '>'
     if len(message.data) < 12:
         return None
@@ -202,10 +201,10 @@ def _stamp_in(message):
 
 
 def _half(run):
-    """Half the exposure of a row, ns; 0 where its middle decided."""
+    """Half the exposure of a row, ns; 0 if only mid-exposure was checked."""
     return half_of(float(run['exposure'][0])) if 'exposure' in run else 0
 
 
 def _late(run):
-    """What was taken off the camera's stamp, ns."""
+    """Correction that was subtracted from the camera's stamp, ns."""
     return round(1e9 * float(run['camera_late'][0])) if 'camera_late' in run else 0

@@ -12,21 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What of a log is the same as what is computed from it again."""
+"""Compares a log with what is recomputed from it."""
 
 import json
 from collections import Counter
 
 import numpy as np
 
-#: part of a number, or of the largest of its list, that is rounding, of messages and of documents:
-#: another processor's sine differs in the last digit, and what is fitted then by a thousand times
-#: that
+#: rounding error relative to a number, or to the largest in its list, for messages and for
+#: documents: another processor's sine differs in the last digit, and fitted numbers then by a
+#: thousand times that
 ROUNDING, FITTED = 1e-11, 1e-9
 
 
 class LogComparison:
-    """Counts what was compared, and keeps a line for what differs by more than rounding."""
+    """Counts comparisons, and keeps a line for each difference beyond rounding."""
 
     def __init__(self):
         self.checked, self.rounded = Counter(), 0
@@ -49,12 +49,12 @@ class LogComparison:
             self.differences.append(f'{kind} of {where}: {_difference(logged, computed)}')
 
 
-#: entries of a document that say its numbers in a sentence: another version in other words
+#: entries of a document that repeat its numbers in words, which differ between versions
 _WORDS = ('statement', 'text')
 
 
 def same_document(logged, computed):
-    """Whether two texts are the same; of documents, whether all but their sentences is."""
+    """Whether two texts are equal; for documents, apart from their sentences."""
     if logged == computed or logged is None or computed is None:
         return logged == computed
     try:
@@ -64,7 +64,7 @@ def same_document(logged, computed):
 
 
 def same_but_for_rounding(logged, computed):
-    """Whether two documents have the same numbers within `FITTED`, and else are the same."""
+    """Whether two documents agree: numbers within `FITTED`, the rest exactly."""
     try:
         return _alike(*(_without_words(json.loads(text)) for text in (logged, computed)))
     except (TypeError, ValueError):
@@ -84,7 +84,7 @@ def _alike(a, b):
 
 
 def _close(a, b, part=ROUNDING):
-    """Whether numbers are the same within a part of the largest of them."""
+    """Whether numbers agree within a fraction of the largest of them."""
     if a.shape != b.shape:
         return False
     size = np.max(np.abs(a[np.isfinite(a)]), initial=0.0)

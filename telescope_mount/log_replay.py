@@ -37,7 +37,7 @@ from .interrupt import noted
 
 def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, harmonics=None,
                progress=None):
-    """Publish the observations of a log to a new calibration node, and let it fit.
+    """Publish the observations of a log to a new calibration node, and fit.
 
     If the night was diagnosed, so is the replay; the model is then the amended one.
 
@@ -46,9 +46,9 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     log : Path
         Bag folder or .mcap file of a night.
     reference : Path, optional
-        The reference model that the night had.
+        The reference model of the night.
     seed : int
-        Of the choice of held-out stars.
+        Seed of the choice of held-out stars.
     out : Path, optional
         File for the model.
     domain_number : int, optional
@@ -56,13 +56,13 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     harmonics : dict, optional
         Parameters ``harmonics...`` of the calibration; by default those of the night.
     progress : callable, optional
-        Called with (text, done, total) as it goes on.
+        Called with (text, done, total) for progress.
 
     Returns
     -------
     dict
-        The calibration report; in ``diagnosis`` that of the replay, None without one; in
-        ``problems`` what is wrong with the log.
+        The calibration report; ``diagnosis`` is that of the replay or None; ``problems`` lists
+        problems of the log.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
              ] if newer < count else []
     had_zero = bool(counts[f'{prefix}{topics.ZERO.name}']) and _has_exposures(bag, observation)
     diagnosed = _last(bag, f'{prefix}{topics.DIAGNOSIS.name}')
-    # parameters of the calibration with which it fitted and diagnosed
+    # parameters of the calibration for fit and diagnosis in the night
     as_then = _harmonics(bag, prefix) if harmonics is None else harmonics
     if diagnosed:
         lines_of = diagnosed.get('graduation') or {}
@@ -135,7 +135,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
             watcher.call('judge')
 
         def complete():
-            # the model of the fit may still be the last one that came
+            # the last model received may still be that of the fit
             if not all(name in watcher.latest for name in there):
                 return False
             model, *rest = (json.loads(watcher.latest[name].data) for name in there)
@@ -153,7 +153,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
 
 
 def _newer(bag, topic):
-    """How many observations a calibration takes: those newer than all before them."""
+    """Number of observations that a calibration accepts: those newer than all before them."""
     newest = count = 0
     for message in bag.messages([topic], decode=True):
         stamp = from_stamp(message.data.header.stamp)
@@ -175,7 +175,7 @@ def _runs(bag, topic):
 
 
 def _harmonics(bag, prefix):
-    """Which harmonics the model of a log had, as parameters of the calibration."""
+    """Harmonics of the model in a log, as parameters of the calibration."""
     from calibration.analysis.harmonic_fit import choice_of_report
     return choice_of_report(
         _last(bag, f'{prefix}{topics.CALIBRATION_REPORT.name}')).parameters()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The loop closed: a night, or a measured run, is fitted, diagnosed, amended and tested."""
+"""The closed loop: a night or a measured run is fitted, diagnosed, corrected and validated."""
 
 import json
 from fnmatch import fnmatchcase
@@ -35,25 +35,25 @@ from .whole_night import NightFailed, observe, prepare_folder
 
 FORMAT = 'telescope_mount/loop'
 VERSION = 1
-#: the scenarios that are made for it
+#: scenarios made for this command
 ALL = 'loop_*'
-#: stars that are fitted, and fresh ones for each check; of a run one row in so many is kept out
+#: number of fitted stars, and of new stars in each check; one row in this many of a run is held out
 FITTED, CHECKED, CHECK_EVERY = 90, 30, 4
-#: what the run player does, in the words of a plan
+#: steps of the run player, in the form of a plan
 _MEASURED_PLAN = 'fit, diagnose'
 
 
 def loop_plan(stars, polaris, check):
-    """The plan of a night: measure, fit, point blind, diagnose, point blind, compare.
+    """Plan of a night: measure, fit, check on blind stars, diagnose, check again, compare.
 
     Parameters
     ----------
     stars : int
-        That fit and diagnosis see.
+        Number of stars for fit and diagnosis.
     polaris : int
-        Exposures for the zero.
+        Number of exposures for the zero.
     check : int
-        Fresh stars before and after the diagnosis.
+        Number of new stars before and after the diagnosis.
 
     Returns
     -------
@@ -66,32 +66,32 @@ def loop_plan(stars, polaris, check):
 def close_the_loop(out, *, scenario='', file=None, seed=1, stars=FITTED, polaris=ZERO_EXPOSURES,
                    check=CHECKED, check_every=CHECK_EVERY, alpha=ALPHA, start_time='', place=None,
                    sky=None, mount='', domain_number=None, progress=None):
-    """Carry out one night with a scenario, or one measured run.
+    """Run the loop for one night with a scenario, or for one measured run.
 
     Parameters
     ----------
     out : Path
-        Folder for all that is written.
+        Folder for all output.
     scenario : str
-        What is wrong with the simulated mount; or
+        Errors of the simulated mount; or
     file : Path, optional
-        a measured run, of which one row in `check_every` is kept out.
+        a measured run, of which one row in `check_every` is held out.
     stars, polaris, check : int
-        As of `loop_plan`.
+        See `loop_plan`.
     alpha : float
-        Chance that a clean night gets any effect.
+        Family-wise error rate: chance that a clean night gets any effect.
     place : dict, optional
-        For the measured run, as of `run_loader.load_run`: ``azimuth_origin``, ``mount``, ``site``,
-        ``weather``, ``equinox``.
+        For the measured run, see `run_loader.load_run`: ``azimuth_origin``, ``mount``,
+        ``site``, ``weather``, ``equinox``.
     seed, start_time, sky, mount, domain_number
-        As of `night.run_night`.
+        See `night.run_night`.
     progress : callable, optional
-        Called with (text, done, total) as it goes on.
+        Called with (text, done, total) for progress.
 
     Returns
     -------
     dict
-        The report that ``report.json`` holds, see `FORMAT`.
+        The content of ``report.json``, see `FORMAT`.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=FITTED, polaris
     """
     sky, place = sky or {}, place or {}
     if file is not None:
-        # whatever cannot be read is reported before a node starts
+        # report unreadable input before any node starts
         run = _sound_run(file, place)
         progress = progress and (
             lambda text, done, _, line=progress: line(text, done, len(run)))
@@ -128,7 +128,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=FITTED, polaris
                               domain_number)
     if file is not None:
         report['rows_read'] += reader_row_counts(run).lost
-    # of a simulated night now, that everything is decided
+    # of a simulated night only now, after all decisions
     _add_outcome(folder, report, None if file else undeclared(folder / 'bag_truth'))
     incomplete = report.pop('incomplete')
     tried(incomplete, folder / 'report.json', partial(
@@ -138,26 +138,26 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=FITTED, polaris
 
 
 def close_all(out, *, names=ALL, seed=1, progress=None, **options):
-    """`close_the_loop` with several scenarios, each in its own folder.
+    """`close_the_loop` for several scenarios, each in its own folder.
 
     Parameters
     ----------
     out : Path
-        Folder for all that is written.
+        Folder for all output.
     names : str
-        Which, such as ``mount_*``.
+        Pattern of scenario names, such as ``mount_*``.
     seed, progress, options
-        As of `close_the_loop`.
+        See `close_the_loop`.
 
     Returns
     -------
     dict
-        ``scenarios``: the report of each; one that failed has an ``error``.
+        ``scenarios``: the report of each; a failed one has an ``error``.
 
     Raises
     ------
     ValueError, OSError
-        No scenario of such a name, or bad input.
+        No scenario matches, or bad input.
     """
     chosen = [name for name in scenario_names() if fnmatchcase(name, names)]
     if not chosen:
@@ -183,7 +183,7 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
 
 
 def _sound_run(file, place):
-    """A measured run of which the columns and enough rows can be used."""
+    """A measured run with usable columns and enough rows."""
     from calibration.analysis.diagnosis.mistaken_columns import check_columns
     from calibration.report.wording import wording
 
@@ -197,9 +197,9 @@ def _sound_run(file, place):
 
 
 def _site_of(run, sky):
-    """The calibration's parameter: what was given, else what the run's file says.
+    """Site parameter of the calibration: given values, else those of the run's file.
 
-    Without a run, what the observer of a simulated one believes.
+    Without a run: the default site, which the observer of a simulated night assumes.
     """
     from msg_tools.units import DEG
     from pointing_model.sky.site import DEFAULT_SITE
@@ -208,7 +208,7 @@ def _site_of(run, sky):
         site = {'latitude': site.latitude, 'longitude': site.longitude}
     site = {f'{name}_deg': value / DEG for name, value in site.items()
             if name in ('latitude', 'longitude') and value is not None} | sky
-    # times from an arbitrary start say nothing of the stars' place
+    # times from an arbitrary start do not give the stars' places
     dated = run is None or run.meta.get('time_is_utc', True)
     if not dated or not {'latitude_deg', 'longitude_deg'} <= set(site):
         return ''
@@ -216,7 +216,7 @@ def _site_of(run, sky):
 
 
 def _player(run, file, azimuth_origin, folder):
-    """Parameters of the run player: a file that it can read, written if need be."""
+    """Parameters of the run player, with a file that it can read, written if necessary."""
     if is_log(file) or run.meta.get('solves_checked') or not run.mount.vertical:
         from pointing_model.runs.formats.csv import write_csv
         file, azimuth_origin = folder / 'run.csv', None
@@ -225,7 +225,7 @@ def _player(run, file, azimuth_origin, folder):
 
 
 def _write(folder, about, latest):
-    """diagnosis.json, model.json and observations.csv; `Written` with the report so far."""
+    """Write diagnosis.json, model.json, observations.csv; `Written` with the report so far."""
     from msg_tools import topics
     from pointing_model.model import PointingModel
     from pointing_model.runs.run_messages import cloud_to_run
@@ -262,28 +262,28 @@ def _write(folder, about, latest):
 
 
 def drive_error(run, model, site_deg=None, taken_back=False):
-    """How far the encoders stood from their demand when blind stars were exposed.
+    """Tracking error of the drive at the exposures of blind stars: encoder minus demand.
 
-    A blind star is missed by what the model lacks and by what the drive left. Only the first
-    is in the residual of its row, since that takes the encoder as it was read.
+    The miss of a blind star is due to model and drive errors. The residual of its row has only the
+    model error, since it uses the encoder reading.
 
     Parameters
     ----------
     run : PointingRun
         All rows of the night.
     model : PointingModel
-        Published last.
+        The last published model.
     site_deg : tuple of float, optional
-        Latitude and longitude, for effects that follow the stars.
+        Latitude and longitude, for effects that depend on the stars.
     taken_back : bool
-        The blind stars before the change were pointed with it, not those after.
+        The change was taken back: the blind stars before it, not those after, match the model.
 
     Returns
     -------
     dict or None
         ``rms_arcsec`` (radial), ``rms_x_arcsec``, ``rms_y_arcsec``, ``stars``, and
-        ``missed_arcsec``, the radial RMS of the miss distances of the same stars. None where there
-        are no such rows, the zero follows an encoder, or an effect of the model is not known there.
+        ``missed_arcsec``, the radial RMS miss distance of the same stars. None if there are no
+        such rows, the zero tracks an encoder, or the driver of an effect is unknown there.
     """
     from msg_tools.units import ARCSEC, DEG
     from pointing_model.rms import rms
@@ -301,7 +301,7 @@ def drive_error(run, model, site_deg=None, taken_back=False):
     if site_deg is not None:
         site = dict(zip(('latitude', 'longitude'), np.multiply(site_deg, DEG).tolist()))
         run = PointingRun(run.columns, {**run.meta, 'site': site})
-    # of the whole night: what an effect remembers lies before these rows
+    # evaluate the whole night: effects may depend on earlier rows
     if any(rows[blind].any() for rows in model.unknown(run['az'], run['el'], run).values()):
         return None
     miss = run['miss_x'][blind], run['miss_y'][blind]
@@ -313,7 +313,7 @@ def drive_error(run, model, site_deg=None, taken_back=False):
 
 
 def _add_outcome(folder, report, scenario):
-    """Add what the scenario did and whether it was found, and the files."""
+    """Add the scenario, whether it was found, and the files."""
     report['undeclared'] = scenario
     comparison = report['judged'] or {}
     harmful = report['published'] and not comparison.get('taken_back') and points_worse(

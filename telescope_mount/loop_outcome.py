@@ -12,43 +12,43 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether a night of `close-the-loop` found what was wrong, and what it gained."""
+"""Whether a night of `close-the-loop` found the simulated error, and the improvement."""
 
 import numpy as np
 
-#: what is claimed of curves without a name, or of nothing
+#: verdicts without a named cause
 _UNCLAIMED = ('unknown', 'none', 'wanders', 'undecided')
-#: something was claimed, and failed the hold-out comparison
+#: verdicts of a claim that failed the hold-out comparison
 _REFUSED = ('withheld', 'taken_back')
 
 
 def outcome(shows_as, effects, verdict='', harmful=False, follows=()):
-    """Whether the diagnosis found what the scenario does.
+    """Whether the diagnosis found the effects of the scenario.
 
     Parameters
     ----------
     shows_as : list of str or None
         Beginnings of names of effects.
     effects : list of dict
-        Of the diagnosis, with ``name``, ``alternatives`` and ``aliases``.
+        Effects of the diagnosis, with ``name``, ``alternatives`` and ``aliases``.
     verdict : str
-        Of the diagnosis.
+        Verdict of the diagnosis.
     harmful : bool
-        As of `points_worse`.
+        See `points_worse`.
     follows : sequence of str
-        Axes whose zero follows the absolute encoder, in words.
+        Names of the axes whose zero tracks the absolute encoder.
 
     Returns
     -------
     found : str or None
-        'yes': every effect is there by its first name or one that is the same curve, and nothing
-        else; 'followed': the same, but the zero follows what is one of the zero of its axis; 'in
-        the set': every one is among those reported together; 'in part'; 'no'. Where
-        the scenario shows as no effect: 'rightly none'; 'unknown', something without a name;
-        'wrong', a cause was claimed; 'withheld', 'taken back', one was, and failed the comparison.
-        'harmful' whatever was found. None: not said.
+        'yes': every effect was found by name or alias, and nothing else; 'followed': the same,
+        but an effect of the zero is removed by tracking the absolute encoder; 'in the set':
+        every one is among the reported alternatives; 'in part'; 'no'. For a scenario without
+        effects: 'rightly none'; 'unknown', something without a name; 'wrong', a cause was
+        claimed; 'withheld', 'taken back', a claim failed the comparison. 'harmful' takes
+        precedence. None: unknown.
     false : list of str
-        Effects that are none of those.
+        Reported effects that are not in the scenario.
     """
     if shows_as is None:
         return None, []
@@ -82,22 +82,22 @@ def outcome(shows_as, effects, verdict='', harmful=False, follows=()):
 
 
 def points_worse(before, after, comparison=None):
-    """Whether blind stars after a change are missed by more than before, beyond noise.
+    """Whether blind stars after a change are missed significantly more than before.
 
     Parameters
     ----------
     before, after : dict or None
-        Of `telescope_mount.observing.night_memory.blind_summary`: other stars each.
+        See `telescope_mount.observing.night_memory.blind_summary`; different stars in each.
     comparison : dict, optional
-        Both models on the stars of `after`, with ``radial`` where there were enough: what has
-        become worse there for both is the night, and not the change.
+        Both models on the stars of `after`, with ``radial`` if there were enough. If both got
+        worse, the night is the cause, not the change.
 
     Returns
     -------
     bool
-        The logarithm of the ratio is above 2 sigma; of an RMS over n stars, 2 n values, it has
-        sigma^2 = 1 / (4 n), so that 2 % of harmless changes look so. On the same stars the change
-        makes the RMS larger by 5 % at least.
+        Whether the logarithm of the ratio exceeds 2 sigma: an RMS over n stars, 2 n values, has
+        sigma^2 = 1 / (4 n), so 2 % of harmless changes exceed it. On the same stars the change
+        must also increase the RMS by at least 5 %.
     """
     if not (before and after and before['stars'] and after['stars']):
         return False
@@ -109,20 +109,20 @@ def points_worse(before, after, comparison=None):
 
 
 def paired(report):
-    """The error with the model of before and with that of after, on the same data.
+    """The error with the old and the new model on the same data.
 
     Parameters
     ----------
     report : dict
-        As `close_the_loop` writes it.
+        Report of `close_the_loop`.
 
     Returns
     -------
     dict
-        ``of`` what data: 'fresh stars', both models on those after the change; where these were
-        not tested, 'rows kept out', 'cross-validated rows' or 'rows fitted'. ``rows``, how many;
-        None where it is not known. ``before`` and ``after``: ``rms_arcsec`` (radial),
-        ``rms_x_arcsec``, ``rms_y_arcsec``; None of an axis that is not known.
+        ``of`` names the data: 'fresh stars', both models on the stars after the change; without
+        these 'rows kept out', 'cross-validated rows' or 'rows fitted'. ``rows``: their number,
+        None if unknown. ``before`` and ``after``: ``rms_arcsec`` (radial), ``rms_x_arcsec``,
+        ``rms_y_arcsec``; None for an unknown axis.
     """
     comparison, blind = report['judged'] or {}, report['blind_after'] or {}
     if comparison.get('radial'):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The pages of `close-the-loop`: of one night or run, and of many scenarios."""
+"""Pages of `close-the-loop`: for one night or run, and for many scenarios."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -34,21 +34,21 @@ from pointing_model.effects.base import arcsec, readable
 
 from .loop_tables import added, effect_rows, loop_sentences
 
-#: of the picture
+#: caption of the picture
 _BLIND = ('Numbers: the same fresh stars by both models. Pictures: fresh stars pointed at by one '
           'model, as the camera saw them.')
 _FILES = ('bag', 'observations.csv', 'model.json', 'report.json', 'diagnosis.json')
 
 
 def write_loop_page(folder, report, run):
-    """Write ``page.html`` of one night or run; the page of its diagnosis becomes a part of it.
+    """Write ``page.html`` of one night or run; it includes the page of its diagnosis.
 
     Parameters
     ----------
     folder : Path
-        Of the night.
+        Folder of the night.
     report : dict
-        Of `close_the_loop.close_the_loop`.
+        Report of `close_the_loop.close_the_loop`.
     run : PointingRun
         All rows.
 
@@ -106,7 +106,7 @@ def write_loop_page(folder, report, run):
 
 
 def _bars(report):
-    """Each measure of the error, before and after."""
+    """All measures of the error, before and after."""
     rows, whens = [], ('before', 'after')
     if report['paired']['of'] == 'fresh stars':
         rows.append(('the same fresh stars', [
@@ -135,13 +135,13 @@ def _targets(report, run):
 
 
 def write_all_page(folder, report):
-    """Write ``page.html`` of many scenarios, which leads to the page of each.
+    """Write ``page.html`` of many scenarios, with links to the page of each.
 
     Parameters
     ----------
     folder : Path
     report : dict
-        Of `close_the_loop.close_all`.
+        Report of `close_the_loop.close_all`.
 
     Raises
     ------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What `close-the-loop` prints."""
+"""Terminal output of `close-the-loop`."""
 
 from textwrap import shorten
 
@@ -21,11 +21,11 @@ from calibration.report.terminal_tables import decimals, new_table
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of
 
-#: characters of an alarm in the table of all
+#: characters of an alarm in the table of all scenarios
 _ALARM = 36
-#: effects that are named at first
+#: effects listed by name
 _EFFECTS = 4
-#: part of the square of the misses from which on the drive is named
+#: fraction of the squared misses from which the drive is mentioned
 _DRIVE = 0.25
 
 
@@ -34,12 +34,12 @@ def _rms(entry):
 
 
 def loop_tables(report):
-    """Tables of one night or run.
+    """Tables for one night or run.
 
     Parameters
     ----------
     report : dict
-        Of `close_the_loop.close_the_loop`.
+        Report of `close_the_loop.close_the_loop`.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def short_tables(report):
     Parameters
     ----------
     report : dict
-        Of `close_the_loop.close_the_loop`.
+        Report of `close_the_loop.close_the_loop`.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def short_tables(report):
 
 
 def effect_rows(effects):
-    """Cells of the effects of a diagnosis, tuples of str, one for each coefficient."""
+    """Table cells of the effects of a diagnosis, a tuple of str for each coefficient."""
     for effect in effects:
         called, gain = readable(effect['name']), number(effect['delta_bic'], 1)
         p = '–' if effect['p_family'] is None else f'{effect["p_family"]:.2g}'
@@ -132,7 +132,7 @@ def _errors(report):
 
 
 def loop_sentences(report):
-    """What is to be reported beside the tables, as a list of str."""
+    """Sentences besides the tables, list of str."""
     out = []
     for effect in report['effects']:
         others = [name for name in effect['alternatives'] if name not in effect['aliases']]
@@ -162,7 +162,7 @@ def loop_sentences(report):
 
 
 def all_table(report):
-    """One table of all scenarios; `report` of `close_the_loop.close_all`."""
+    """One table of all scenarios; `report` is that of `close_the_loop.close_all`."""
     names = ['scenario', 'verdict', 'effects added', 'found', 'before', 'after', 'floor']
     alarms = any(row.get('alarms') for row in report['scenarios'])
     table = new_table('The same fresh stars with the model before and after, radial RMS on the '
@@ -182,15 +182,15 @@ def all_table(report):
 
 
 def added(report):
-    """What the diagnosis added to the model, as a list of str for people."""
+    """Additions of the diagnosis to the model, list of str for people."""
     return [*map(readable, report['applied']), *map(_follows, report['follows'])]
 
 
 def _besides(report):
-    """Whether there are effects beside those that were to be found; else all of them are none."""
+    """Whether there are effects besides the expected ones; if none is expected, false."""
     return report['false'] and report['found'] not in ('wrong', 'unknown')
 
 
 def _alarms(row):
-    """The beginning of each alarm of the cross-check: axis, who moved, what it did."""
+    """Beginning of each cross-check alarm: axis, which encoder moved, and how."""
     return '\n'.join(shorten(alarm, _ALARM, placeholder=' …') for alarm in row['alarms'])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What to do where ROS is not installed: one line with the command that installs it."""
+"""What to do if ROS is not installed: one line with the command that installs it."""
 
 import platform
 import sys
@@ -21,19 +21,19 @@ from pathlib import Path
 
 from msg_tools.open_files import check_open_files
 
-#: modules that only ROS brings, by the beginning of their names
+#: beginnings of names of modules that only ROS provides
 _ROS_PACKAGES = ('rclpy', 'rcl_interfaces', 'rosidl', 'rpyutils', 'builtin_interfaces',
                  'lifecycle_msgs', 'rosgraph_msgs', 'std_msgs', 'std_srvs', 'sensor_msgs',
                  'geometry_msgs', 'trajectory_msgs', 'diagnostic_msgs', 'visualization_msgs')
 
 
 def check(command):
-    """Refuse a command that needs ROS where there is none, or where it cannot run.
+    """Refuse a command that needs ROS if ROS is missing or cannot run.
 
     Raises
     ------
     ValueError
-        With the command that installs it, or that lets it run.
+        With the command that installs it, or makes it run.
     """
     if find_spec('rclpy') is None:
         raise ValueError(_line(command))
@@ -41,13 +41,13 @@ def check(command):
 
 
 def missing(error, command):
-    """The line for an ImportError that comes of ROS being missing, or of half of it; else None.
+    """Message for an ImportError due to a missing or incomplete ROS; else None.
 
     Parameters
     ----------
     error : ImportError
     command : str
-        Of the user.
+        The user's command.
     """
     name = error.name or ''
     if not name.startswith(_ROS_PACKAGES):

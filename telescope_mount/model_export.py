@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model for another program: the file, what it holds, and what is lost on the sky of a run."""
+"""Export of a model to another program: the file, its content, and the loss on the sky of a run."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,20 +39,20 @@ from pointing_model.zero import OF_RUNS, carried_zeros
 from .commands.console import print_all, print_files, print_lines
 from .run_loader import load_run
 
-#: ``--to``: our own document
+#: ``--to``: our own format
 MODEL = 'model'
 
 
 @dataclass
 class ModelExport:
-    """What was written.
+    """Result of an export.
 
     Attributes
     ----------
     path : Path
     program : str
     exported : pointing_model.runs.model_files.Exported or None
-        None where nothing can be lost: our own document, and the table.
+        None if nothing can be lost: for our own format, and for the table.
     notes : list of str
     """
 
@@ -69,13 +69,13 @@ class ModelExport:
         return {**self.exported.to_dict(), 'file': str(self.path), 'notes': self.notes}
 
 
-#: parts of a model without a term there that are listed
+#: number of parts of a model without a term there that are listed
 _PARTS = 12
 
 
 def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=None,
                  side=None, **options):
-    """Write a model as another program reads it.
+    """Write a model in the format of another program.
 
     Parameters
     ----------
@@ -83,21 +83,21 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         Any file that `pointing_model.runs.model_files.read_model` reads.
     path : str or Path
     to : str
-        Of `commands.export.PROGRAMS`.
+        A key of `commands.export.PROGRAMS`.
     sky : str or Path, optional
-        A run: what the program cannot hold is refitted on its directions, with what drives the
-        model's effects there, and the loss is told on them. By default the sky above 20 degrees.
+        A run: what the program cannot represent is refitted on its directions and drivers, and
+        the loss is reported for them. By default the sky above 20 degrees.
     zero : {'none', 'newest'} or number
-        Which of the zeros that the model carries to add to its indices.
+        Which of the zeros stored in the model to add to its index terms.
     site : pointing_model.sky.site.Site, or dict with ``latitude``, optional
-        By default that of the run, if it tells. INDI needs it.
+        By default that of the run, if it has one. INDI needs it.
     mount : Mount, optional
-        That a file of another program is of; by default an alt-azimuth one.
+        Mount for a file of another program; by default an alt-azimuth one.
     side : {'east', 'west'}, optional
-        Of the pier, of a German mount, for a program whose file has none; by default that of the
-        rows of the fit, where they are on one.
+        Side of the pier, for a German mount and a program whose file has none; by default that of
+        the fitted rows, if all are on one side.
     **options
-        For `telescope_mount.run_loader.load_run`.
+        See `telescope_mount.run_loader.load_run`.
 
     Returns
     -------
@@ -106,9 +106,9 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     Raises
     ------
     ValueError
-        `source` is no model, `path` is the same file or has a name that reads as another kind.
+        `source` is not a model, or `path` is the same file or has the suffix of another kind.
     OSError
-        One cannot be read or written.
+        A file cannot be read or written.
     """
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
@@ -140,7 +140,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
 
 
 def _beyond(model, program, side):
-    """Of which side of the pier a file without one is, and what is reported of it."""
+    """Side of the pier for a file without sides, and notes on it."""
     mount = model.mount
     if not (mount.two_sided and program.for_mount is not None
             and program.for_mount(mount).one_sided):
@@ -155,7 +155,7 @@ def _beyond(model, program, side):
                                 'side load that of the other']
     if mount.on_sky:
         return None, []
-    # what turns over with the side
+    # terms whose effect changes with the side
     sizes = {name: (model.terms.get(name, 0.0), float(error)) for name, error in zip(
         model.terms, model.sigmas) if name in ('CH', 'NP', 'ID')}
     named = {name: f'{name} is {value / ARCSEC:+.1f} +- {error / ARCSEC:.1f} arcsec'
@@ -173,7 +173,7 @@ def _beyond(model, program, side):
 
 
 def _open_notes(model):
-    """What no file of another program gives: which terms nobody knows."""
+    """Notes on undetermined terms and sides, which no file of another program has."""
     notes = [wording(undetermined_terms(model.undetermined, model.terms))] \
         if model.undetermined else []
     if model.sides is not None and 0 in model.sides:
@@ -183,11 +183,11 @@ def _open_notes(model):
 
 
 def _with_zero(model, wanted):
-    """The model with a zero in its indices, and what is reported of it."""
+    """The model with a zero added to its index terms, and notes on it."""
     (az, el), applied = zeros_of_rows(model, wanted)
     known = carried_zeros(model)
     if not applied:
-        if not known or not known.newest.angles.any():  # or its indices have it
+        if not known or not known.newest.angles.any():  # or it is in the index terms
             return model, []
         newest = known.newest
         return model, [f'the zero of the power-on is not in the file (run {newest.run:g}: azimuth '
@@ -199,7 +199,7 @@ def _with_zero(model, wanted):
         if name not in terms:
             covariance = np.pad(covariance, (0, 1))
         terms[name] = terms.get(name, 0.0) + value
-    # the indices have it now, so the model carries none
+    # it is now in the index terms, so the model has no separate zero
     provenance = {k: v for k, v in model.provenance.items()
                   if k not in ('zeros_in_force', OF_RUNS)}
     return replace(model, terms=terms, covariance=covariance, provenance=provenance), [
@@ -208,13 +208,13 @@ def _with_zero(model, wanted):
 
 
 def _sky_of(path, model, options):
-    """Context of a run's rows, what it is in words, and what the file may tell of the run."""
+    """Context of a run's rows, its description, and facts of the run for the file."""
     run = load_run(path, **options)
     if not run.mount.agrees(model.mount):
         raise ValueError(f'{path} is a run of another mount ({run.mount.kind}) than the model '
                          f'({model.mount.kind}), or of another latitude')
     x, y = model.residuals(run)
-    # the median is the zero of the run, if it has another one than the model
+    # the median is the zero of the run, if that differs from the model's
     left = rms_arcsec(x - np.nanmedian(x), y - np.nanmedian(y))
     context = Context.from_run(run)
     facts = {'observations': len(run), 'rms_arcsec': left.radial}
@@ -224,7 +224,7 @@ def _sky_of(path, model, options):
 
 
 def show(written, console):
-    """The terms as they are in the file, and what is lost."""
+    """Print the terms in the file, and the loss."""
     exported = written.exported
     if exported is not None:
         program = exported.program
@@ -240,7 +240,7 @@ def show(written, console):
 
 
 def sentences(exported):
-    """What a program holds of a model, in words."""
+    """Sentences on how well a program represents a model."""
     program, loss, direct = exported.program, exported.loss, exported.direct
     where = f'on {exported.sky}'
     if exported.held:
@@ -249,7 +249,7 @@ def sentences(exported):
     lines = []
     if exported.left:
         parts = list(dict.fromkeys(map(_part, exported.left)))
-        # a model that is to predict has dozens
+        # a model for prediction has dozens
         more = [f'{len(parts) - _PARTS} more'] if len(parts) > _PARTS else []
         lines.append(f'no term of {program.title} is written for: '
                      f'{"; ".join([*parts[:_PARTS], *more])}')
@@ -273,7 +273,7 @@ def sentences(exported):
 
 
 def _part(text):
-    """A part of a model that a program does not hold, for people."""
+    """Name for people of a part of a model that a program cannot represent."""
     name, _, needs = text.removesuffix(')').partition(' (follows ')
     words = dict.fromkeys(map(driver_word, needs.split(', '))) if needs else ()
     return readable(name) + (f' (follows {", ".join(words)})' if words else '')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The folder of a night: its log, and beside it rows, model, report and page."""
+"""The folder of a night: its log, rows, model, report and page."""
 
 import json
 from functools import partial
@@ -31,7 +31,7 @@ class Written(NamedTuple):
     Attributes
     ----------
     report : dict
-        With ``incomplete``, a line for each that could not be written.
+        ``incomplete`` has a line for each file that could not be written.
     run : PointingRun
         All rows.
     model : PointingModel or None
@@ -43,7 +43,7 @@ class Written(NamedTuple):
 
 
 def log_of(path):
-    """The log at a path: of a night's folder its `bag`, else what was given.
+    """The log at a path: `bag` in the folder of a night, else the path itself.
 
     Parameters
     ----------
@@ -60,17 +60,17 @@ def log_of(path):
 
 
 def holds_log(path):
-    """Whether files of a log are in a folder."""
+    """Whether a folder has files of a log."""
     return any(any(path.glob(f'*{suffix}')) for suffix in LOGS)
 
 
 def is_log(path):
-    """Whether what is at a path is read as a log: any folder, or a file of one."""
+    """Whether a path is read as a log: any folder, or a file of a log."""
     return path.is_dir() or path.suffix in LOGS
 
 
 def model_of(path):
-    """The model at a path: of a night's folder its `model.json`, else what was given.
+    """The model at a path: `model.json` in the folder of a night, else the path itself.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def model_of(path):
 
 
 def add_truth(bag, report):
-    """Put the simulated change of the zero beside the measured one, for the reader alone."""
+    """Add the simulated change of the zero to the measured one, for information only."""
     from msg_tools.bag import BagReader
     from msg_tools.units import ARCSEC
     drifts = [message.data.position for message in BagReader(bag).messages(decode=True)
@@ -101,31 +101,31 @@ def add_truth(bag, report):
 
 
 def diagnosing(folder, calibration=None):
-    """Parameters of a calibration that writes the page of its diagnosis into the folder."""
+    """Parameters of a calibration that writes the page of its diagnosis to the folder."""
     return {**(calibration or {}), 'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
 
 
 def write_page(folder, written, log=None):
-    """The page of the night, once its log is whole; `written` as of `write_results`."""
+    """Write the page of the night, after its log is complete; `written`: see `write_results`."""
     from calibration.report.night_page import night_page
     try:
         write_text(folder / 'page.html', night_page(
             written.run, written.model, written.report, log or folder / 'bag'))
     except OSError as err:
         written.report['incomplete'].append(f'{folder / "page.html"}: {reason(err)}')
-    except Exception as err:  # whatever it is: a night is not lost for its page
+    except Exception as err:  # any error: a night must not be lost because of its page
         written.report['notes'].append(f'the page was not written: {type(err).__name__}: {err}')
     else:
         written.report['files']['page'] = str(folder / 'page.html')
 
 
 def write_files(folder, run, documents):
-    """Write observations.csv, and texts by the names of their files.
+    """Write observations.csv, and texts by file name.
 
     Returns
     -------
     list of str
-        A line for each that cannot be written.
+        A line for each file that cannot be written.
     """
     from pointing_model.runs.formats.csv import write_csv
     incomplete = []
@@ -136,9 +136,9 @@ def write_files(folder, run, documents):
 
 
 def write_results(folder, results, bag=None):
-    """observations.csv, model.json, report.json of the last message of each topic; `Written`.
+    """Write observations.csv, model.json, report.json from the last messages; `Written`.
 
-    Its report has the log, which is `bag` if not the one in the folder, and the blind checks.
+    The report has the log (`bag`, by default that in the folder) and the blind checks.
     """
     from msg_tools import topics
     from msg_tools.units import ARCSEC

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A ROS parameter file of the user's: of which nodes it is, and where it places them.
+"""The user's ROS parameter file: which nodes it is for, and which site it gives them.
 
 Of sections that match, the last holds, by where each name stands first in all files.
 """
@@ -30,16 +30,16 @@ GUARD, OBSERVER = 'mount_guard', 'star_observer'
 
 
 def values_of(node, parameters, found):
-    """What a node has at its start.
+    """Parameters of a node at its start.
 
     Parameters
     ----------
     node : str
         Its full name.
     parameters : dict
-        Those of the graph.
+        Parameters from the graph.
     found : dict
-        As of `sections`.
+        See `sections`.
 
     Returns
     -------
@@ -53,28 +53,28 @@ def values_of(node, parameters, found):
 
 
 def check(specs, path=None, drivers=(), namespace=NAMESPACE):
-    """Refuse what would leave a node without its parameters, or two nodes at two places.
+    """Refuse a file that leaves a node without its parameters, or gives nodes different sites.
 
     Parameters
     ----------
     specs : list of graph.NodeSpec
         The nodes that will be started.
     path : str or Path, optional
-        The parameter file; without it the graph's own values alone are checked.
+        The parameter file; without it only the graph's own values are checked.
     drivers : sequence
-        That will be started beside them.
+        Drivers that will be started, too.
     namespace : str
-        In which they will be.
+        Their namespace.
 
     Returns
     -------
     list of str
-        Which sections only a driver can read.
+        Notes on sections that only a driver can read.
 
     Raises
     ------
     ValueError
-        A section is of no node, or the nodes have no site or two.
+        A section matches no node, or the nodes have no site or different ones.
     """
     found, namespace = sections(path) if path else {}, f'/{namespace.strip("/")}'.rstrip('/')
     names = [spec.name for spec in specs]
@@ -86,7 +86,7 @@ def check(specs, path=None, drivers=(), namespace=NAMESPACE):
 
 
 def _note(path, section, names, driven, namespace):
-    """'' for a section of a node of this project; ValueError for one that nobody can read."""
+    """'' for a section of a known node; ValueError for one that no node can read."""
     known = list(dict.fromkeys([*names, *NODES, *WITH_BUILT_TYPES]))
     if any(is_of(section, f'{namespace}/{name}') for name in known):
         return ''
@@ -101,7 +101,7 @@ def _note(path, section, names, driven, namespace):
 
 
 def _check_site(nodes, path):
-    """Of the observer, which on a real mount must have one, and of the guard."""
+    """Check the sites of the observer, which needs one on a real mount, and of the guard."""
     from .guard.allowed_sky import PLACE, differ
     sites = {}
     for name in {GUARD, OBSERVER} & nodes.keys():
@@ -114,7 +114,7 @@ def _check_site(nodes, path):
         raise ValueError(
             f'no site for {" and ".join(lacking)}: set latitude_deg and longitude_deg '
             '(parameter file, under /**:, or --latitude and --longitude)')
-    # without one the guard says itself whether it needs it; nodes refuse what is no number
+    # the guard itself reports a missing site if it needs one; nodes refuse non-numeric values
     if not lacking and len(sites) == 2 and all(
             isinstance(value, int | float) for site in sites.values() for value in site) and (
             differ(*sites.values())):

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Processes that end with `ros2 launch` and `ros2 run`, which leave them behind when SIGTERM,
-SIGHUP or SIGKILL end them.
+"""Ends processes with `ros2 launch` and `ros2 run`, which leave them running when killed by
+SIGTERM, SIGHUP or SIGKILL.
 
 As a program, ``python -m telescope_mount.parent FILE ARGUMENTS``, it becomes a Python file that
-does.
+ends in this way.
 """
 
 import ctypes
@@ -26,65 +26,65 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-#: environment: the process without which a node is not wanted any more
+#: environment variable: process id without which a node must end
 PARENT = 'TELESCOPE_MOUNT_PARENT'
-#: commands of `ros2` that start a node and wait for its end
+#: commands of `ros2` that start a node and wait for it
 STARTERS = ('run', 'launch')
 #: Linux: prctl
 _SET_DEATH_SIGNAL = 1
 
 
 def end_with_parent():
-    """Have the kernel send SIGTERM when the parent has ended, if that is the one in `PARENT`, or
-    `ros2` with one of `STARTERS`. End at once where it has already.
+    """Have the kernel send SIGTERM when the parent ends, if it is that in `PARENT`, or `ros2`
+    with one of `STARTERS`. Exit at once if it has ended already.
 
-    One in between (``--launch-prefix``, ``--prefix``) has to end by itself.
+    A process in between (``--launch-prefix``, ``--prefix``) must end by itself.
     """
     wanted, parent = os.environ.get(PARENT, ''), os.getppid()
     if wanted == str(parent) or _starts(parent):
         ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)
-        if os.getppid() != parent:  # it ended before that
+        if os.getppid() != parent:  # it ended before prctl
             sys.exit(-signal.SIGTERM)
     if (not _runs(wanted) if wanted.isdecimal() else _is_orphan()):
         sys.exit(-signal.SIGTERM)
 
 
 def _status(process):
-    """The fields of ``/proc/PID/stat`` after the name, from the state on; none where it is gone."""
+    """Fields of ``/proc/PID/stat`` after the name, from the state on; empty if it has ended."""
     with suppress(OSError):
-        # the name, in parentheses, may have any letters
+        # the name, in parentheses, may have any characters
         return Path(f'/proc/{process}/stat').read_text().rpartition(') ')[2].split()
     return []
 
 
 def _runs(process):
-    """Whether a process is there, and not only what is left of it until its own parent asks."""
+    """Whether a process runs and is not a zombie."""
     return _status(process)[:1] not in ([], ['Z'], ['X'])
 
 
 def _is_orphan():
-    """Whether a shell started `ros2`, that this process, and it has ended meanwhile.
+    """Whether a shell started `ros2`, which started this process and has ended since.
 
-    A shell writes the command that it starts into `_`, and the children of that have it too: that
-    of a service is no `ros2`. A daemon that `ros2` was to start leads its own session.
+    A shell sets `_` to the command that it starts, and children inherit it; for a service it is not
+    `ros2`. A daemon started by `ros2` has its own session.
     """
     if os.path.basename(os.environ.get('_', '')) != 'ros2' or os.getsid(0) == os.getpid():
         return False
     process = os.getppid()
-    while process > 0:  # what is in between (`--prefix`) has `ros2` as its parent
+    while process > 0:  # a process in between (`--prefix`) has `ros2` as its parent
         if _starts(process):
             return False
         status = _status(process)
-        if not status:  # it ends this moment, or /proc is of another system
+        if not status:  # it has just ended, or /proc is of another system
             return False
         process = int(status[1])
     return True
 
 
 def _starts(process):
-    """Whether a process is `ros2` that starts a node, by its command line."""
+    """Whether a process is a `ros2` that starts a node, by its command line."""
     words = []
-    with suppress(OSError):  # it ended meanwhile, or /proc is of another system
+    with suppress(OSError):  # it has ended, or /proc is of another system
         words = Path(f'/proc/{process}/cmdline').read_bytes().decode(errors='replace').split('\0')
     return any(os.path.basename(word) == 'ros2' and after in STARTERS
                for word, after in zip(words, words[1:]))

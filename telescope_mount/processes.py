@@ -39,7 +39,7 @@ SET_DEATH_SIGNAL = 1  # Linux: prctl
 
 
 class Node:
-    """A forked node, as far as `subprocess.Popen` is needed.
+    """A forked node, with the needed part of the interface of `subprocess.Popen`.
 
     Attributes
     ----------
@@ -68,14 +68,14 @@ class Node:
         return self.returncode
 
     def send_signal(self, number):
-        """Send a signal, unless it has ended."""
+        """Send a signal, unless the process has ended."""
         if self.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, number)
 
 
 class _Forked(get_context('fork').Process):
-    """A fork of this process, as far as `subprocess.Popen` is needed."""
+    """A fork of this process, with the needed part of the interface of `subprocess.Popen`."""
 
     def poll(self):
         """The exit code, or None."""
@@ -90,8 +90,8 @@ class _Forked(get_context('fork').Process):
 
 
 def _can_fork():
-    """Whether a fork of this process is as good as a new one: ROS was not used in it, and it has
-    no threads but those that wait to show how far it is.
+    """Whether this process can be forked safely: ROS was not used in it, and its only threads are
+    timers of the progress line.
     """
     threads = threading.enumerate()
     return ('rclpy' not in sys.modules and threading.current_thread() is threading.main_thread()
@@ -105,9 +105,9 @@ class ForkServer:
     Parameters
     ----------
     log : Path
-        For what it says when something is wrong.
+        File for its error messages.
     modules : sequence of str, optional
-        What this process will need, and nodes as well.
+        Modules that this process needs, and nodes as well.
     """
 
     def __init__(self, log, modules=()):
@@ -119,19 +119,19 @@ class ForkServer:
         self._started = []
 
     def _forked(self, theirs, modules):
-        """From here: what it imports this process needs, too."""
+        """Fork it from here: this process needs the same imports."""
         preload()
         prepare(modules)
         process = _Forked(target=serve_forked, args=(theirs, self._connection, self._log),
                           daemon=True)
         with warnings.catch_warnings():
-            # of threads that may hold a lock: the child takes none of theirs
+            # the warning is about locks held by threads: the child uses none of them
             warnings.simplefilter('ignore', DeprecationWarning)
             process.start()
         return process
 
     def _begun(self, theirs):
-        """As a program: it imports while the caller does."""
+        """Start it as a program: it imports while the caller works."""
         with open(self._log, 'ab') as file:
             return subprocess.Popen(
                 [sys.executable, '-m', 'telescope_mount.fork_server', str(theirs.fileno())],
@@ -155,14 +155,14 @@ class ForkServer:
             self._connection.send(request)
         while not self._started:
             self.listen(1.0)
-            raise_noted()  # it may be stopped itself
+            raise_noted()  # the server may be stopped
             if self._process.poll() is not None and not self._started:
                 words = self._log.read_text(errors='replace').strip().split('\n')[-1]
                 raise RuntimeError(f'nodes cannot be started: {words.removeprefix("error: ")}')
         return self._started.pop()
 
     def listen(self, timeout):
-        """Take answers, waiting at most `timeout` seconds for the first."""
+        """Process answers, waiting at most `timeout` seconds for the first."""
         try:
             while self._connection.poll(timeout):
                 self._take(self._connection.recv())
@@ -179,20 +179,20 @@ class ForkServer:
             self._nodes.pop(answer['ended']).returncode = answer['code']
 
     def _lost(self):
-        """It has ended: what is still there was told to end, and nobody will tell its code."""
+        """The server has ended: remaining nodes were told to end, and their codes are unknown."""
         for pid in list(self._nodes):
             if not os.path.exists(f'/proc/{pid}'):
                 self._nodes.pop(pid).returncode = -signal.SIGTERM
         if self._nodes:
-            time.sleep(0.01)  # nothing to wait on: they are no children of ours
+            time.sleep(0.01)  # cannot wait: they are not our children
 
     def go_on(self):
-        """Have it go on, if it is stopped (SIGSTOP): it tells when nodes end."""
+        """Resume it if it is stopped (SIGSTOP): it reports the ends of nodes."""
         if self._process.poll() is None:
             os.kill(self._process.pid, signal.SIGCONT)
 
     def close(self):
-        """End it; the nodes must have ended."""
+        """End the server; the nodes must have ended."""
         self._connection.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(5.0)
@@ -203,35 +203,35 @@ class ForkServer:
 
 def _is_stopped(pid):
     with contextlib.suppress(OSError):  # it has ended
-        # the state comes after the name, in which there may be anything
+        # the state follows the name, which may have any characters
         return Path(f'/proc/{pid}/stat').read_bytes().rpartition(b')')[2].split()[0] in b'Tt'
     return False
 
 
 def die_with_parent():
-    """What a child does before all else, so that no driver outlives a graph that was killed."""
+    """For `preexec_fn`: no driver must outlive a graph that was killed."""
     prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
 
     def prepare():
         prctl(SET_DEATH_SIGNAL, signal.SIGTERM)
-        if os.getppid() != parent:  # it died before that
+        if os.getppid() != parent:  # it died before prctl
             os._exit(1)
     return prepare
 
 
 class Processes:
-    """The nodes of a graph, in processes.
+    """The processes of the nodes of a graph.
 
     Parameters
     ----------
     folder : Path
-        For the output and the parameter file of each node.
+        Folder for the output and the parameter file of each node.
     domain : int
         ROS domain.
     params_file : Path, optional
-        A ROS parameter file of the user's, read after the graph's own values.
+        The user's ROS parameter file, read after the graph's own values.
     modules : sequence of str, optional
-        What this process will need, and nodes as well: imported once where it can be forked.
+        Modules that this process needs, and nodes as well: imported once if it can be forked.
     """
 
     def __init__(self, folder, domain, params_file=None, modules=()):
@@ -244,12 +244,12 @@ class Processes:
         self._fork_server = ForkServer(self.folder / 'fork_server.log', modules)
 
     def start_all(self, specs):
-        """Start each `graph.NodeSpec`, in one process those that say so.
+        """Start all `graph.NodeSpec`; those with the same `process` share one.
 
         Raises
         ------
         KeyboardInterrupt
-            A signal that came meanwhile, within `interrupt.noted`.
+            A signal arrived, within `interrupt.noted`.
         """
         groups = {}
         for spec in specs:
@@ -268,7 +268,7 @@ class Processes:
                 {spec.full_name: {'ros__parameters': spec.parameters}}))
         self.running[name] = self._fork_server.start(
             name=name, modules=[spec.module for spec in specs],
-            # rcl takes no empty file
+            # rcl refuses an empty file
             arguments=self._arguments(*(self._params_of(spec) for spec in specs
                                         if spec.parameters)),
             environment=self.environment, log=str(self.folder / f'{name}.log'))
@@ -277,13 +277,13 @@ class Processes:
         return self.folder / f'{spec.name}.params.yaml'
 
     def _arguments(self, *files):
-        """The namespace, and parameter files; the user's is the last."""
+        """The namespace, and parameter files; the user's file is the last."""
         files = filter(None, (*files, self.params_file))
         return ['--ros-args', '-r', f'__ns:={NAMESPACE}',
                 *(word for file in files for word in ('--params-file', str(file)))]
 
     def start_script(self, path):
-        """Start a driver: a Python file of the user's, in the same namespace, with his values."""
+        """Start a driver: the user's Python file, in the same namespace, with the user's values."""
         path = Path(path)
         with open(self.folder / f'{path.stem}.log', 'ab') as log:
             self.running[path.stem] = subprocess.Popen(
@@ -292,7 +292,7 @@ class Processes:
                 env={**self.environment, 'PYTHONUNBUFFERED': '1'})
 
     def last_words(self, name):
-        """The last line that a node wrote and that is no message of its log, '' for none."""
+        """The last line of a node's output that is not a log message; '' for none."""
         try:
             lines = (self.folder / f'{name}.log').read_text(errors='replace').split('\n')
         except OSError:
@@ -301,7 +301,7 @@ class Processes:
                      if line.strip() and not line.startswith(('[INFO]', '[WARN]', '[DEBUG]'))), '')
 
     def stopped(self):
-        """Names and ids of processes that are stopped (SIGSTOP), a dict; looks twice a second."""
+        """Names and ids of processes that are stopped (SIGSTOP), a dict; checks twice a second."""
         now = time.monotonic()
         if now - self._looked >= 0.5:
             self._looked = now
@@ -310,7 +310,7 @@ class Processes:
         return self._stopped
 
     def check(self):
-        """Raise RuntimeError with a node's own words if one has ended; looks ten times a second."""
+        """Raise RuntimeError with a node's message if one has ended; checks ten times a second."""
         now = time.monotonic()
         if now - self._checked < 0.1:
             return
@@ -322,9 +322,9 @@ class Processes:
                 raise RuntimeError(words or f'node {name} ended with code {code}')
 
     def stop(self):
-        """End all nodes: Ctrl-C first, so that files are closed; the hard way for what stays.
+        """End all nodes: SIGINT first, so that files are closed; then SIGTERM and SIGKILL.
 
-        One that is stopped (SIGSTOP) goes on, to close its own.
+        A process that is stopped (SIGSTOP) is resumed, to close its files.
 
         Returns
         -------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A night on a real mount: the graph beside drivers, on the time of the wall."""
+"""A night on a real mount: the graph besides drivers, on wall time."""
 
 from functools import partial
 from pathlib import Path
@@ -26,8 +26,8 @@ from .graph import real_graph
 from .night_files import diagnosing, write_page, write_results
 from .whole_night import STATE
 
-#: wall seconds without any progress after which it is given up: a slew through half a turn of a
-#: slow mount, and some clouds
+#: wall seconds without progress after which a night is given up: a slow mount's slew through half a
+#: turn, and some clouds
 STALL = 1800.0
 
 
@@ -36,34 +36,34 @@ def run_real_night(out, *, plan='', stars=BLOCK_STARS, drivers=(), domain_number
                    anew=False, **graph):
     """Observe with the drivers of a real mount.
 
-    A night in `out` that was interrupted goes on where it stopped, with its own log.
+    An interrupted night in `out` is resumed where it stopped, with a new log.
 
     Parameters
     ----------
     out : Path
-        Folder for all that is written.
+        Folder for all output.
     plan : str
-        Steps of the observer; empty for `real_plan` of so many `stars`.
+        Steps of the observer; empty for `real_plan` with this number of `stars`.
     drivers : sequence of Path
-        Python files to start beside the nodes; those that run already are found in the domain.
+        Python files to start besides the nodes; drivers that already run are found in the domain.
     domain_number : int, optional
         ROS domain; that of the environment by default.
     reference : Path, optional
-        A model to begin with.
+        Initial model.
     anew : bool
-        A night that was interrupted begins once more instead.
+        Restart an interrupted night from its beginning.
     note : callable
-        Called with where a night that was interrupted goes on, and as of `night.observe`.
+        Called with the step where an interrupted night is resumed; see also `night.observe`.
     params_file, progress, hold_up
-        As of `night.observe`.
+        See `night.observe`.
     **graph
-        As of `graph.real_graph`: ``mount``, ``sky``, ``absolute_encoder``, ``inclinometer``,
+        See `graph.real_graph`: ``mount``, ``sky``, ``absolute_encoder``, ``inclinometer``,
         ``exposure``.
 
     Returns
     -------
     dict
-        The calibration report, with the ``files`` that were written and the ``checks``.
+        The calibration report, with the ``files`` written and the ``checks``.
 
     Raises
     ------
@@ -92,25 +92,25 @@ def run_real_night(out, *, plan='', stars=BLOCK_STARS, drivers=(), domain_number
 def run_server_night(out, mount, *, stars=BLOCK_STARS, reference=None, camera='', drivers=(),
                      domain_number=None, params_file=None, progress=None, hold_up=None, note=print,
                      anew=False, sky=None, track='', discrimination='', **graph):
-    """A night on a mount of an INDI or Alpaca server, on the clock of this machine.
+    """A night on a mount of an INDI or Alpaca server, on this machine's clock.
 
     Parameters
     ----------
     out, reference, drivers, domain_number, params_file, progress, hold_up, note, anew
-        As of `run_real_night`.
+        See `run_real_night`.
     mount, sky
-        As of `server_night.ask_server`.
+        See `server_night.ask_server`.
     camera : str
-        As of `server_night.parse_camera`; empty: a driver sees the sky, or a simulator tells.
+        See `server_night.parse_camera`; empty: a driver observes the sky, or a simulator reports.
     stars : int
-        To fit the model to.
+        Number of stars for the fit.
     track, discrimination : str
-        As of `server_night.server_plan`.
+        See `server_night.server_plan`.
     **graph
-        As of `server_night.nodes_of`: ``exposure``, ``seed``, ``calibration``.
+        See `server_night.nodes_of`: ``exposure``, ``seed``, ``calibration``.
 
     Returns, Raises
-        As `run_real_night`.
+        See `run_real_night`.
     """
     from .server_night import ask_server, nodes_of, parse_camera, server_plan
     _check_files(drivers, reference)
@@ -130,7 +130,7 @@ def run_server_night(out, mount, *, stars=BLOCK_STARS, reference=None, camera=''
 
 def _carry_out(out, plan, kind, nodes, reference, anew, drivers, *, note, params_file=None,
                **options):
-    """Observe in a folder with the nodes that `nodes` gives for it; the report."""
+    """Observe in a folder, with the nodes that `nodes` returns for it; the report."""
     folder = Path(out)
     bag = _free(folder / 'bag')
     specs = nodes(folder, plan=plan, bag=str(bag), state_file=str(folder / STATE),
@@ -155,7 +155,7 @@ def _check_files(drivers, reference):
 
 
 def _folder(out, plan, mount, anew, note):
-    """Where to write, and whether a night goes on there that was interrupted."""
+    """The output folder, and whether an interrupted night is resumed in it."""
     if not (out / STATE).is_file():
         return night.prepare_folder(out), False
     file = NightFile(out / STATE, mount)
@@ -174,7 +174,7 @@ def _folder(out, plan, mount, anew, note):
 
 
 def _free(path):
-    """`path`, or the first of it with _2, _3, ... that is not there."""
+    """`path`, or the first free variant of it with _2, _3, ..."""
     number, free = 1, path
     while free.exists():
         number += 1

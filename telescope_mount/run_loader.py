@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One way to load pointing runs, whatever they are kept in."""
+"""Loads pointing runs from files and logs."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -38,15 +38,15 @@ from pointing_model.sky.skyline import parse_horizon
 
 from .night_files import is_log, log_of
 
-_SAME_START = 2e-3  # s: messages tell it to the millisecond
+_SAME_START = 2e-3  # s: messages give it to the millisecond
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,
              graduation=None, worms=None, drivers=(), mount=None, equinox=None, exclude=(),
              satellites=False):
-    """Read a pointing run from a file of any kind that `read_run` takes, or from a log.
+    """Read a pointing run from any file that `read_run` accepts, or from a log.
 
-    Rows that are there to judge by (``check`` not 0) are left out, and a note says so.
+    Rows for validation (``check`` not 0) are excluded, with a note.
 
     Parameters
     ----------
@@ -55,26 +55,26 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     azimuth_origin : {'N', 'S'}, optional
         Where azimuth 0 is in a TPOINT file.
     site : pointing_model.sky.site.Site, optional
-        Kept in ``meta``; needed for a CSV with ``ra_deg, dec_deg``.
+        Stored in ``meta``; needed for a CSV with ``ra_deg, dec_deg``.
     weather : pointing_model.sky.refraction.Weather or dict, optional
-        For the refraction of such a CSV; of a dict, what it has is taken in place of the file's.
+        For the refraction of such a CSV; entries of a dict override the file's.
     encoder : {'enc', 'abs'}, optional
-        'abs' takes the second encoder for the first.
+        'abs' swaps in the second encoder as the first.
     graduation : str or dict, optional
-        Lines in a turn of the first encoder, ``grating=47200``, in place of what a log gives: see
+        Lines per turn of the first encoder, ``grating=47200``, overrides a log; see
         `pointing_model.effects.declared_graduation`.
     worms : str or dict, optional
-        Teeth of worm wheels, ``ha=180``: see `pointing_model.effects.declared_worms`.
+        Numbers of teeth of worm wheels, ``ha=180``: see `pointing_model.effects.declared_worms`.
     drivers : sequence of str, optional
-        Columns of the file that may be a cause, though their names do not say so.
+        Columns of the file that may be causes although their names do not suggest it.
     mount : str or Mount, optional
-        Of a file, in place of what it gives; see `pointing_model.mounts.parse_mount`.
+        Mount of a file, overrides it; see `pointing_model.mounts.parse_mount`.
     equinox : {'j2000', 'date'}, optional
-        Of the catalogue places of a file, see `read_run`.
+        Equinox of the catalogue places of a file, see `read_run`.
     exclude : sequence of str
-        Rows to leave out, see `pointing_model.runs.row_exclusion.excluded_rows`.
+        Rows to exclude, see `pointing_model.runs.row_exclusion.excluded_rows`.
     satellites : bool
-        Whether those of a log count.
+        Whether to include satellites of a log.
 
     Returns
     -------
@@ -83,11 +83,11 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     Raises
     ------
     MistakenColumns
-        A ValueError: no row can be used, for the columns are not what they are named.
+        A ValueError: no row is usable, since the columns do not match their names.
     ValueError
         Not a run, a log of the simulator's truth, or no such driver.
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     path = log_of(path)
     if not is_log(path):
@@ -96,7 +96,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
                 path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
                 mount=mount, equinox=equinox))))
         except NoUsableRow as error:
-            if error.run is not None:  # what its columns are says more
+            if error.run is not None:  # mistaken columns are the better explanation
                 check_columns(error.run)
             raise
     else:
@@ -123,7 +123,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
 
 
 def _worded(run):
-    """The run with what its own rows show of it in words, for people."""
+    """The run, with findings about its own rows put into words."""
     names = run.meta.get('row_names') or {}
     if run.meta.get('solves_checked'):
         run.meta['notes'] = list(map(wording, run.meta['notes']))
@@ -135,7 +135,7 @@ def _worded(run):
 
 
 def _drivers(path, run, names):
-    """Names of columns of the user's own, as they are kept."""
+    """Internal names of the user's columns."""
     own = Context.from_run(run).own_columns()
     kept = [f'column_{name}' if f'column_{name}' in own else name for name in names]
     missing = [name for name, there in zip(names, kept) if there not in own]
@@ -146,28 +146,28 @@ def _drivers(path, run, names):
 
 
 def load_runs(paths, seen=(), **options):
-    """Several runs of one mount, in which each observation counts once.
+    """Several runs of one mount; each observation counts once.
 
     Parameters
     ----------
     paths : sequence of Path
     seen : sequence of PointingRun
-        Whose observations are left out of these, as of a run that others are tested on.
+        Runs whose observations are excluded from these, such as runs for validation.
     **options
-        As for `load_run`.
+        See `load_run`.
 
     Returns
     -------
     runs : list of PointingRun
-        One a file, in the order given.
+        One per file, in the given order.
     skipped : list of str
-        A line for each file that is no run or holds no observation, or whose rows others have.
+        A line for each file that is not a run, has no observation, or has only known rows.
 
     Raises
     ------
     ValueError
-        None of the files is a run with observations; the line is that of the first. All of them
-        are those of `seen`.
+        None of the files is a run with observations (the line is that of the first), or all
+        observations are in `seen`.
     OSError
         The only file cannot be opened.
     """
@@ -197,23 +197,23 @@ def _line_of(path, error):
 
 
 def run_of_log(path, satellites=False):
-    """The observations in a log, with the newest zero of each power-on taken off.
+    """The observations in a log, with the newest zero of each power-on subtracted.
 
     Parameters
     ----------
     path : Path
     satellites : bool
-        Whether theirs count.
+        Whether to include satellites.
 
     Returns
     -------
     PointingRun
-        ``az_raw``, ``el_raw`` are what the encoders read: no zero, no miss distance.
+        ``az_raw``, ``el_raw`` are raw encoder readings, without zero and miss distance.
 
     Raises
     ------
     ValueError
-        No observation in it, or it holds the simulator's truth.
+        The log has no observation, or the simulator's truth.
     """
     from calibration.distrust import distrusted, notes_of
     from msg_tools.bag.bag_pair import parameters_of
@@ -237,12 +237,12 @@ def run_of_log(path, satellites=False):
             found = take(message.data, run=parts[-1]['run'][-1])
             if found is not None:
                 key = found[1].run, found[1].started
-                zeros.pop(key, None)  # the newest of a number is the last
+                zeros.pop(key, None)  # keep the newest of a number last
                 zeros[key] = found[1]
     if not parts:
         raise NoObservations(f'{path} has no observation in it')
     run, notes = PointingRun.concatenate(parts), []
-    copied = copies(run) >= 0  # of a log that recorded what another played
+    copied = copies(run) >= 0  # in a log that recorded the replay of another
     if copied.any():
         notes.append(written_twice(copied))
         run = run.select(~copied)
@@ -276,15 +276,15 @@ def run_of_log(path, satellites=False):
 
 
 def _power_ons(run, zeros, notes):
-    """A number for each power-on, where nights in one log have the same; and its zero.
+    """Unique power-on numbers, if nights in one log share them, and their zeros.
 
     Parameters
     ----------
     run : PointingRun
     zeros : dict of (number, number or None) to PowerOnZero
-        By the number of the power-on and when it began, UTC s.
+        Keys: number of the power-on, and when it began, UTC s.
     notes : list of str
-        What is done is added.
+        A note is added.
 
     Returns
     -------
@@ -305,13 +305,13 @@ def _power_ons(run, zeros, notes):
 
 
 def declared_by(parameters, notes):
-    """``meta`` of runs that recorded parameters tell: ``graduation``, ``skyline``.
+    """``meta`` entries of runs from recorded parameters: ``graduation``, ``skyline``.
 
     Parameters
     ----------
     parameters : dict
     notes : list of str
-        What is not known is added.
+        Unknown values are noted.
 
     Returns
     -------
@@ -330,8 +330,8 @@ def declared_by(parameters, notes):
 
 
 def _log(path):
-    """Reader of a log; a folder of images is reported as that."""
-    from msg_tools.bag.sqlite import open_bag  # slow to import, and of logs alone
+    """Reader of a log; a folder of images gets its own message."""
+    from msg_tools.bag.sqlite import open_bag  # slow to import, needed for logs only
     try:
         return open_bag(path)
     except (ValueError, OSError):
@@ -346,7 +346,7 @@ def _log(path):
 
 
 def _without_check_rows(run):
-    """The run without the rows that are there to judge by, and a note of how many they were."""
+    """The run without rows for validation, with a note of their number."""
     kept = np.asarray(run.get('check', 0.0)) != 0.0
     if not kept.any():
         return run
@@ -355,13 +355,13 @@ def _without_check_rows(run):
 
 
 def _readings(columns, beyond=False):
-    """Readings of the encoders at the exposure, from those with the star centred."""
+    """Raw readings at the exposure, from readings with the star centred."""
     from pointing_model.mounts import centred
     az, el = columns['az_enc'], columns['el_enc']
     if 'miss_x' not in columns or 'miss_y' not in columns:
         return az, el
     az_raw, el_raw = az, el
-    for _ in range(5):  # each leaves an error smaller by about the miss distance
+    for _ in range(5):  # each reduces the error by a factor of about the miss distance
         az_centred, el_centred = centred(az_raw, el_raw, columns['miss_x'], columns['miss_y'],
                                          beyond)
         az_raw, el_raw = az_raw + (az - az_centred), el_raw + (el - el_centred)
@@ -369,30 +369,30 @@ def _readings(columns, beyond=False):
 
 
 def with_rows_before(kept, folder):
-    """Rows of a night with all that came before them.
+    """Rows of a night together with all earlier ones.
 
     Parameters
     ----------
     kept : PointingRun
         With the column ``time``.
     folder : Path
-        Of the night: its logs are ``bag*`` in it, one for each time that it was started.
+        Folder of the night: its logs are ``bag*``, one for each start.
 
     Returns
     -------
     PointingRun
-        What cannot be read is left out.
+        Unreadable logs are skipped.
     """
     rows = {}
     for path in sorted(folder.glob('bag*')):
-        with suppress(ValueError, OSError):  # one that was killed may be damaged
+        with suppress(ValueError, OSError):  # the log of a killed graph may be damaged
             rows.update(_rows_of(path))
     before = [rows[time] for time in sorted(rows) if time < kept['time'][0]]
     return PointingRun.concatenate([*before, kept])
 
 
 def _rows_of(path):
-    """Time and row of each observation of a log, but of that of the simulator's truth."""
+    """Time and row of each observation of a log; nothing for the simulator's truth."""
     from msg_tools.bag import BagReader
     from msg_tools.bag.topic_names import prefix_of
     log = BagReader(path)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A night on a mount of an INDI or Alpaca server: what it is, where it stands, and its graph."""
+"""A night on a mount of an INDI or Alpaca server: its kind, its site, and its graph."""
 
 from typing import NamedTuple
 
@@ -25,36 +25,36 @@ from telescope_mount.bridges.connection import PORTS, BridgeError, parse_address
 
 from .graph import NODES, TRUTH, NodeSpec, given_of, mode_of, pass_of
 
-#: how the simulators slew, for the guard: both axes at once, and at once at full speed
+#: how the simulators slew, for the guard: both axes together, immediately at full speed
 SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_acceleration_deg_s2': 60.0,
              'second_acceleration_deg_s2': 60.0, 'slew_timing': 0.8}
-#: INDI's own one turns its hour angle about +90 degrees, and never passes -90 (`rotateCentre` in
-#: drivers/telescope/scopesim_helper of 1.9.9): to a star beyond it goes the long way round
+#: INDI's equatorial simulator turns its hour angle around +90 degrees, and never passes -90
+#: (`rotateCentre` in drivers/telescope/scopesim_helper of 1.9.9): it goes the long way round
 INDI_FORK = {'first_travel_deg': '-88,178'}
-#: beside the mount of a server and what tells where it looks
+#: nodes besides the mount of a server and the source of the observed place
 BESIDE = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
-#: of a simulator that is asked where it looks between its readings, s: so long the axes must rest
+#: s that the axes must rest for a simulator that is polled for its place between readings
 REST_BEFORE_POLL = 0.5
-#: of a camera, s, where nothing else is asked for
+#: default exposure time of a camera, s
 EXPOSURE = 1.0
-#: stars of the blind check, of those that are fitted
+#: fitted stars per star of the blind check
 CHECKED = 4
 
 
 class ServerMount(NamedTuple):
-    """What is at a server.
+    """A mount at a server.
 
     Attributes
     ----------
     protocol : {'indi', 'alpaca'}
     server : dict
-        Parameters of the nodes of the bridge: ``host``, ``port`` and which telescope.
+        Parameters of the bridge nodes: ``host``, ``port`` and which telescope.
     kind : str
-        Of mount.
+        Kind of mount.
     sky : dict
         Parameters of site and weather.
     simulated : bool
-        Whether it is a simulator that tells where it truly looks.
+        Whether it is a simulator that reports its true direction.
     """
 
     protocol: str
@@ -65,13 +65,13 @@ class ServerMount(NamedTuple):
 
 
 def server_plan(stars, track='', discrimination=''):
-    """The plan: one power-on, as the driver has its zero; blind stars before and after a diagnosis.
+    """The plan: one power-on, with the driver's zero; blind stars before and after a diagnosis.
 
     Parameters
     ----------
     stars : int
     track, discrimination : str
-        As of `night.run_night`. A model that is tracked is not tested and taken back.
+        See `night.run_night`. A tracked model is not validated and taken back.
     """
     check = f'check {max(4, stars // CHECKED)}'
     steps = ['home', f'stars {stars}', 'fit', check]
@@ -91,16 +91,16 @@ def parse_camera(text):
 
 
 def ask_server(text, sky=None, seen=False):
-    """What is at the server.
+    """Query the server for its mount.
 
     Parameters
     ----------
     text : str
-        ``indi:HOST[:PORT[:KIND]]`` or ``alpaca:...``; the kind where the driver does not tell it.
+        ``indi:HOST[:PORT[:KIND]]`` or ``alpaca:...``; the kind if the driver does not report it.
     sky : dict, optional
-        Parameters of site and weather that the user gave; the rest of the site is the driver's.
+        Site and weather given by the user; the rest of the site is the driver's.
     seen : bool
-        Whether a camera sees the sky; else it must be a simulator that tells where it looks.
+        Whether a camera observes the sky; else it must be a simulator that reports its direction.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def ask_server(text, sky=None, seen=False):
     Raises
     ------
     ValueError
-        No server, no telescope, a driver that does not know where it looks.
+        No server, no telescope, or a driver that does not know its true direction.
     """
     protocol, parts = text.partition(':')[0], text.split(':')
     kind = parts.pop() if len(parts) == 4 else ''
@@ -122,7 +122,7 @@ def ask_server(text, sky=None, seen=False):
     if not kind:
         raise ValueError(f'{device} does not say what kind of mount it is: write '
                          f'{protocol}:{host}:{port}:equatorial, german or altaz')
-    if site is None or not np.any(site[:2]):  # as drivers begin that nobody has told
+    if site is None or not np.any(site[:2]):  # the initial value of unconfigured drivers
         site = DEFAULT_SITE.latitude, DEFAULT_SITE.longitude, DEFAULT_SITE.height
     there = {name: value / one.size for (name, one), value in zip(SITE.items(), site)}
     return ServerMount(protocol, {'host': host, 'port': port} | server, kind, there | (sky or {}),
@@ -169,20 +169,20 @@ def _with_advice(check, telescope):
 
 
 def nodes_of(found, *, plan, camera='', drivers=(), exposure=EXPOSURE, **graph):
-    """The nodes for what was found.
+    """The nodes for a mount found at a server.
 
     Parameters
     ----------
     found : ServerMount
     plan : str
     camera : str
-        As of `parse_camera`; empty: none.
+        See `parse_camera`; empty: none.
     drivers : sequence of Path
-        Whether one of the user's sees the sky.
+        The user's drivers, one of which observes the sky.
     exposure : float
-        Of the camera, s; no matter where a simulator tells where it looks.
+        Exposure time of the camera, s; unused if a simulator reports its direction.
     **graph
-        As of `server_graph`.
+        See `server_graph`.
 
     Returns
     -------
@@ -201,34 +201,34 @@ def nodes_of(found, *, plan, camera='', drivers=(), exposure=EXPOSURE, **graph):
 def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=False,
                  exposure=0.0, seed=1, plan='', model_file='', first_run=1, state_file='',
                  calibration=None, slews=None):
-    """The nodes of a night on a mount of a server, on the clock of this machine.
+    """The nodes of a night on a mount of a server, on this machine's clock.
 
     Parameters
     ----------
     bag : str
         Folder of the log, which must not exist.
     server : dict
-        Parameters of the nodes of the bridge: `host`, `port`, `device` or `number`.
+        Parameters of the bridge nodes: `host`, `port`, `device` or `number`.
     mount : str
-        Its kind, see `pointing_model.mounts.parse_mount`.
+        Kind of mount, see `pointing_model.mounts.parse_mount`.
     sky : dict
-        Parameters of site and weather (`latitude_deg`, ...), for all.
+        Parameters of site and weather (`latitude_deg`, ...), for all nodes.
     protocol : {'indi', 'alpaca'}
     camera : dict, optional
-        Parameters of `indi_sky`, `host`, `port` and `camera`, where a camera sees the sky; by
-        default a simulator tells where it looks.
+        Parameters of `indi_sky`, `host`, `port` and `camera`, if a camera observes the sky; by
+        default a simulator reports its direction.
     seen : bool
-        A driver of the user's publishes what is seen; no node of the bridge does.
+        A driver of the user publishes what is observed; no bridge node does.
     exposure : float
-        Of the camera or driver, s; see `graph.real_graph`.
+        Exposure time of the camera or driver, s; see `graph.real_graph`.
     seed : int
-        Of the choice of stars, and the noise of what is seen.
+        Seed of the choice of stars, and of the noise of simulated observations.
     plan, model_file, first_run, calibration
-        As of `graph.night_graph`.
+        See `graph.night_graph`.
     state_file : str
-        As of `graph.real_graph`.
+        See `graph.real_graph`.
     slews : dict, optional
-        Parameters of the guard where it is known how the driver slews; by default nothing is.
+        Parameters of the guard if the driver's slew profile is known; by default unknown.
 
     Returns
     -------
@@ -241,21 +241,21 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
     elif not seen:
         parameters[f'{protocol}_sky'] = dict(server) | bridge | {
             'seed': seed, 'satellite': pass_of(plan)}
-        exposure = REST_BEFORE_POLL if protocol == 'alpaca' else 0.0  # at the readings of INDI's
+        exposure = REST_BEFORE_POLL if protocol == 'alpaca' else 0.0  # INDI: at its readings
     names = *parameters, *BESIDE
     parameters |= {
         'mount_guard': {'mount': mount, 'goto': True, 'park_deg': KINDS[mount].park_deg,
-                        # a driver stops a moment after it is told
+                        # a driver stops with a short delay
                         'request_timeout_s': 0.35} | (
-            # none is sent places beyond the zenith
+            # places beyond the zenith are not sent
             {'second_travel_deg': '-5,89'} if KINDS[mount].vertical else {}) | (
             slews or {'slew_timing': 0.0}) | given_of(sky, SITE),
         'star_observer': {
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
             'state_file': state_file,
-            # the driver chooses its side at the meridian by itself
+            # the driver chooses the side at the meridian itself
             'absolute_encoder': False, 'meridian_limit_deg': 0.0,
-            # it comes to rest beside the star first, and is sent on
+            # it first comes to rest next to the star, and is then sent again
             'on_target_arcsec': 3.0, 'renew_request_s': 0.1, 'exposure_s': exposure,
             'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
         } | ({'plan': plan} if plan else {}) | sky,

@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What processes that were killed have left in `/dev/shm`.
+"""Cleans up what killed processes have left in `/dev/shm`.
 
-Fast DDS gives each participant a segment, ``fastrtps_`` and 16 digits, with a lock file beside it
-(``_el``), and each port of a domain a queue, ``fastrtps_port`` and its number, with a lock file and
-a semaphore. A process that is killed leaves its own there, 0.5 MB and some ports of 0.05 MB, and
-nobody takes them away: names of segments are drawn, and those of ports are used again. Ports from
-7000 on are of no domain, and stay to be used again. That killed nights leave nothing behind is
-promised (`benchmarks/stops.py`); this file can go when Fast DDS sweeps what is nobody's itself.
+Fast DDS gives each participant a segment, ``fastrtps_`` and 16 digits, with a lock file
+(``_el``), and each port of a domain a queue, ``fastrtps_port`` and its number, with a lock file
+and a semaphore. A killed process leaves these behind, 0.5 MB and some ports of 0.05 MB each, and
+nobody removes them: names of segments are random, and those of ports are reused. Ports from
+7000 on belong to no domain, and are kept for reuse. We promise that killed nights leave nothing
+behind (`benchmarks/stops.py`); this file is unnecessary once Fast DDS cleans up itself.
 
-That a file is nobody's any more only the kernel knows for sure, also where a container has it:
-it gives the write lease of a file (fcntl(2), F_SETLEASE) only while nobody else has it open or
-mapped. Another user's files are left alone.
+Only the kernel knows for sure that a file is unused, even by a container: it grants the write
+lease of a file (fcntl(2), F_SETLEASE) only while nobody else has it open or mapped. Files of
+other users are left alone.
 """
 
 import contextlib
@@ -35,15 +35,15 @@ import stat
 import time
 
 FOLDER = '/dev/shm'
-#: s that a start may take for it; what is left then the next one finds
+#: s that a start may spend on it; the next start continues
 BUDGET = 0.012
-#: of Fast DDS 2 and 3: a participant's own, and what belongs to a port of UDP's numbers
+#: names of Fast DDS 2 and 3: files of a participant, and files of UDP ports
 _SEGMENT = re.compile(r'fast(rtps|dds)_[0-9a-f]{16}(_el)?')
 _PORT = re.compile(r'(sem\.)?fast(rtps|dds)_port(\d{1,5})(_el|_sl|_mutex)?')
 
 
 def left_ports(folder=FOLDER):
-    """Ports that files are there of, dead or not, a set of int."""
+    """Ports that have files, in use or not, a set of int."""
     with contextlib.suppress(OSError):
         found = map(_PORT.fullmatch, os.listdir(folder))
         return {int(port[3]) for port in found if port}
@@ -51,16 +51,16 @@ def left_ports(folder=FOLDER):
 
 
 def sweep(ports=(), folder=FOLDER, budget=BUDGET):
-    """Remove segments that nobody has open any more, and such files of ports.
+    """Remove unused segments, and unused files of `ports`.
 
     Parameters
     ----------
     ports : container of int
-        Whose files may go: of a domain that nobody but the caller uses, as a port is opened by its
-        name, and one that is not open yet could be taken away from under who is about to.
+        Ports whose files may be removed: of a domain used only by the caller. A port is opened
+        by name, so a file not yet open could be removed just before another process opens it.
     folder : str or Path
     budget : float
-        s after which it is given up.
+        s after which the sweep stops.
 
     Returns
     -------
@@ -71,27 +71,27 @@ def sweep(ports=(), folder=FOLDER, budget=BUDGET):
     try:
         names = os.listdir(folder)
     except OSError:
-        return 0  # of another system
+        return 0  # another operating system
     for name in names:
         port = _PORT.fullmatch(name)
         if not (int(port[3]) in ports if port else _SEGMENT.fullmatch(name)):
             continue
         if time.monotonic() > end:
             break
-        with contextlib.suppress(OSError):  # it has gone, or belongs to somebody
+        with contextlib.suppress(OSError):  # it is gone, or in use
             removed += _remove(os.path.join(folder, name))
     return removed
 
 
 def _remove(path):
-    """Remove an own file that nobody else has open; OSError where somebody has."""
+    """Remove our own file if nobody else has it open; OSError if in use."""
     file = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
         found = os.fstat(file)
         if found.st_uid != os.geteuid() or not stat.S_ISREG(found.st_mode):
             return False
-        # who opens it now is held up until it is closed here, and this process gets a signal that
-        # does nothing; by default it would end it
+        # a process that opens it now waits until it is closed here, and this process gets a signal:
+        # choose one that does nothing, since the default one would kill it
         fcntl.fcntl(file, fcntl.F_SETSIG, signal.SIGURG)
         fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_WRLCK)
         os.unlink(path)

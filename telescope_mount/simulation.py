@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The one door from outside to the simulator.
+"""The only access to the simulator from outside.
 
-Who calibrates may not know the truth, so nobody else outside of `encoder_sim` names it, but for the
-modules of its nodes in `graph.NODES`. What comes through here is a list of names, what kind of
-mount one has, an encoder and its CCD for a bench that calibrates nothing, and what a scenario did,
-out of the log of the truth when all is over.
+A calibration must not know the truth, so nothing else outside `encoder_sim` imports it, except for
+the modules of its nodes in `graph.NODES`. Available here are a list of names, the kind of mount of
+a scenario, an encoder and its CCD for a bench that does not calibrate, and what a scenario did,
+from the log of the truth after the night.
 """
 
 import json
@@ -34,24 +34,24 @@ __all__ = ['Absolute', 'LinearCCD', 'described_scenarios', 'kind_of_mount', 'sce
 
 
 def kind_of_mount(scenario, mount=''):
-    """What kind of mount who observes with that of a scenario is told.
+    """Kind of mount that the observer of a scenario is given.
 
     Parameters
     ----------
     scenario : str
         A name or a YAML file.
     mount : str
-        What to tell instead, with the same joints; empty: the scenario's.
+        A kind to use instead, with the same joints; empty: the scenario's.
 
     Returns
     -------
     str
-        As `pointing_model.mounts.parse_mount` takes it.
+        Text for `pointing_model.mounts.parse_mount`.
 
     Raises
     ------
     ValueError, OSError
-        There is no such scenario, or it is wrong; or its mount has other joints.
+        No such scenario, or an invalid one; or its mount has other joints.
     """
     own = load_scenario(scenario).mount
     told = parse_mount(mount, 0.0) if mount else own
@@ -65,7 +65,7 @@ def kind_of_mount(scenario, mount=''):
 
 
 def undeclared(bag):
-    """What the scenario of a night did that nobody was told; read when all is over.
+    """The hidden errors of a night's scenario; to be read after all decisions.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def undeclared(bag):
     Returns
     -------
     dict or None
-        As `encoder_sim.scenario_file.undeclared`; None where the log does not report it.
+        See `encoder_sim.scenario_file.undeclared`; None if the log does not have it.
     """
     from msg_tools import topics
     log = BagReader(bag)

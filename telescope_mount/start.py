@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Executables of the nodes: `ros2 run` comes through here, before numpy is imported.
+"""Executables of the nodes: `ros2 run` enters here, before numpy is imported.
 
-With several threads numpy's linear algebra adds in another order, and a log would not hold to the
-last bit when it is verified. So it has one, however a node is started; who sets the variables of
-`ONE_THREAD` otherwise has them so. A node ends when its `ros2 run` or `ros2 launch` has, however
-that ended. One that is told to end while it imports does so without a word.
+With several threads numpy's linear algebra sums in another order, and a log could not be verified
+to the last bit. So one thread is set for every way to start a node; variables of `ONE_THREAD` that
+are already set are kept. A node ends with its `ros2 run` or `ros2 launch`, however that ended. A
+node that is told to end during its imports does so silently.
 """
 
 import os
@@ -26,7 +26,7 @@ from msg_tools.signals import on_end
 
 on_end(lambda *_: os._exit(0))
 
-import sys  # noqa: E402 (what is imported from here on may be interrupted)
+import sys  # noqa: E402 (imports from here on may be interrupted)
 
 from . import ONE_THREAD  # noqa: E402
 from .parent import end_with_parent  # noqa: E402
@@ -37,7 +37,7 @@ end_with_parent()
 
 
 def __getattr__(name):
-    """What runs a node, by the name of its executable."""
+    """The function that runs a node, by the name of its executable."""
     from .graph import NODES, WITH_BUILT_TYPES
     modules = NODES | WITH_BUILT_TYPES
     if name not in modules:
