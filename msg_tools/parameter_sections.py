@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sections of a ROS parameter file, and the nodes that they are of.
+"""Sections of a ROS parameter file, and the nodes that they match.
 
 ROS ignores a section that matches no node. Names match as in `rclcpp::parameter_map_from`.
 """
@@ -25,16 +25,16 @@ import yaml
 
 PARAMETERS = 'ros__parameters'
 EXAMPLE = 'config/site.yaml is one to copy'
-#: a name so like that of a node is misspelt, and no other's
+#: a name this similar to that of a node is a misspelling
 ALIKE = 0.85
 
 
 class _Pairs(list):
-    """Keys and values, also of keys that stand twice."""
+    """Key-value pairs, including repeated keys."""
 
 
 class _Loader(yaml.SafeLoader):
-    """Makes `_Pairs` of mappings: of a section that stands twice both hold."""
+    """Makes `_Pairs` of mappings, so repeated sections are all used."""
 
 
 _Loader.add_constructor('tag:yaml.org,2002:map', lambda loader, node: _Pairs(
@@ -56,7 +56,7 @@ def sections(path):
     Raises
     ------
     ValueError
-        It is no parameter file.
+        Not a parameter file.
     """
     try:
         document = yaml.load(Path(path).read_text(encoding='utf-8'), _Loader)
@@ -83,20 +83,20 @@ def _gather(path, pairs, space, found):
 
 
 def is_of(section, node):
-    """Whether a section is of a node, by its full name."""
+    """Whether a section matches the full name of a node."""
     pattern = '/' + section.removeprefix('/')
     return re.fullmatch(pattern.replace('/*', r'(/\w+)'), node) is not None
 
 
 def check_files(node, words):
-    """Refuse parameter files that mean a node and do not reach it.
+    """Refuse parameter files intended for a node that do not match it.
 
     Parameters
     ----------
     node : str
         Its full name.
     words : list of str
-        Of its command line.
+        Words of its command line.
 
     Raises
     ------

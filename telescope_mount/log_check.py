@@ -123,7 +123,7 @@ class _LoggedRows:
         self.tables = {}  # stamp -> PointingRun
         self.published = {name: [] for name in ('zero', 'model', 'calibration/report', 'diagnosis',
                                                 'apart')}
-        self.homings = []  # (log time, callable that gives the homings of a run)
+        self.homings = []  # (log time, callable that returns the homings of a run)
         self.homings_at = {}  # stamp -> such a callable
 
 

@@ -163,7 +163,7 @@ def _newer(bag, topic):
 
 
 def _has_exposures(bag, topic):
-    """Whether a zero can be set: one may come with the model of a run without exposures for it."""
+    """Whether a zero can be set; a logged zero may come from a model instead of exposures."""
     from pointing_model.zero import is_for_zero
     return any('star' in run and is_for_zero(run).any() for run in _runs(bag, topic))
 

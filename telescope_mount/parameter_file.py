@@ -14,7 +14,7 @@
 
 """The user's ROS parameter file: which nodes it is for, and which site it gives them.
 
-Of sections that match, the last holds, by where each name stands first in all files.
+If several sections match, the last one wins, in the order in which names first appear in all files.
 """
 
 from difflib import get_close_matches
@@ -24,7 +24,7 @@ from msg_tools.parameter_sections import ALIKE, is_of, sections
 
 from .graph import NODES, WITH_BUILT_TYPES, simulated_site
 
-#: nodes that move a mount; in a graph without one there are drivers, whose names nobody knows
+#: nodes that move a mount; a graph without one has drivers, whose names are unknown
 MOUNTS = ('mount_simulator', 'indi_mount', 'alpaca_mount')
 GUARD, OBSERVER = 'mount_guard', 'star_observer'
 
