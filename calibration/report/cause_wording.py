@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is said of the causes of an effect: which there are, what contends, what to look at."""
+"""Words for the causes of an effect: possible causes, contenders, what to check."""
 
 import re
 
@@ -20,20 +20,20 @@ from calibration.estimation.equal_causes import SET_WIDTH
 from pointing_model.effects.base import EFFORTS, readable
 from pointing_model.mount_kinds import KINDS
 
-#: causes that are told; the others are counted
+#: largest number of causes named; the others are counted
 _MOST_CAUSES = 5
 _NUMBERS = ('no', 'one', 'two', 'three', 'four', 'five', 'six', 'seven', 'eight', 'nine', 'ten',
             'eleven', 'twelve')
 
 
 def counted(number, word):
-    """A small number in words, with what is counted."""
+    """A small number in words, followed by a noun: "two effects"."""
     text = _NUMBERS[number] if number < len(_NUMBERS) else f'{number}'
     return f'{text} {word}{"" if number == 1 else "s"}'
 
 
 def open_causes(row):
-    """How many causes an effect of the document may have, as people are told them."""
+    """Number of possible causes, as worded for users, of an effect of the document."""
     return max(len(row.get('causes') or ()), 1) + len(still_open(row))
 
 
@@ -43,12 +43,12 @@ def still_open(row):
 
 
 def plain(cause):
-    """A cause as one clause: what parts it is the mark between causes in a sentence."""
+    """A cause as one clause, without semicolons: these separate causes in a sentence."""
     return cause.replace('; it ', ', which ').replace('; ', ', ')
 
 
 def causes_sentence(causes):
-    """Causes as equals, the best first."""
+    """Sentences on equally good causes, best first."""
     texts = [plain(one['cause']) + (
         f' (with {counted(one["more_effects"], "effect")} more beside it)'
         if one.get('more_effects') else '') for one in causes]
@@ -59,19 +59,19 @@ def causes_sentence(causes):
 
 
 def short_cause(cause):
-    """A cause without how often a turn, where that is said beside it."""
+    """A cause without "(... per turn)", where that is stated elsewhere."""
     return re.sub(r' \([^()]*per turn[^()]*\)', '', plain(cause))
 
 
 def alternatives_sentence(row, found):
-    """What lost its place to an effect, and by how much; '' where nothing did.
+    """Contenders that lost to an effect, and by how much; '' if there are none.
 
     Parameters
     ----------
     row : dict
-        Of the effects of a document.
+        An effect of a document.
     found : str
-        Its cause, as people are told it.
+        Its cause as worded for users.
     """
     sentences = []
     for one in row.get('contenders') or ():
@@ -93,29 +93,29 @@ def alternatives_sentence(row, found):
 
 
 def first_check(document, row):
-    """What to do about an effect: what to look at, and of several causes which first, and why.
+    """What to check for an effect, and, with several causes, what to check first and why.
 
     Parameters
     ----------
     document : dict
     row : dict
-        Of its effects.
+        An effect of the document.
 
     Returns
     -------
     str
-        '' where the document does not tell the causes.
+        '' if the document has no causes.
     """
     causes = [one for one in row.get('causes') or () if one.get('look_at')]
     if not causes:
         return ''
     if len(causes) == 1 and open_causes(row) - len(still_open(row)) == 1:
         return _only_check(row, causes[0])
-    # what needs more effects beside it comes after what stands by itself
+    # causes that need more effects come last
     own = [one for one in causes if not one.get('more_effects')] or causes
     one = min(own, key=lambda each: each.get('effort', 1))
     least = one.get('effort', 1)
-    # what weighs on the tube and the air bear on the same curve
+    # flexure and refraction have the same curve
     terms = [term['name'] for term in document.get('unphysical') or () if row.get('axes') == 'el'
              and row.get('driver') == 'elevation' and term['name'] in ('TF', 'TX')]
     head = f'It bears on the same curve as {terms[0]} (above): check that first. Then: ' \
@@ -130,10 +130,10 @@ def first_check(document, row):
 
 
 def _only_check(row, cause):
-    """What to look at for the one cause that fits best, and for what contends with it."""
+    """What to check for the only best cause, and for its contenders."""
     more = ''.join(f'. For "{short_cause(one["cause"])}": {one["look_at"]}'
                    for one in still_open(row) if one.get('look_at'))
-    # the shape may be all that speaks for it: what else repeats so often makes it too
+    # the shape may be the only evidence: other parts with the same period cause it, too
     else_ = ', and other parts that repeat as often' * bool(cause.get('only_shape'))
     text = f'Look at {cause["look_at"]}{else_}{more}.'
     if str(row.get('name')).startswith('smooth_of'):
@@ -143,7 +143,7 @@ def _only_check(row, cause):
 
 
 def _rest(rest, own, least):
-    """What the causes take that a first check does not test, after it."""
+    """Effort for the causes that the first check does not test."""
     if not rest:
         return ''
     efforts = [each.get('effort', 1) for each in rest]
@@ -158,5 +158,5 @@ def _rest(rest, own, least):
 
 
 def plain_name(name, kind):
-    """`readable`, with what a kind of mount has: the first axis of a German one carries no fork."""
+    """`readable`, adapted to the kind of mount: a German one has a saddle, no fork."""
     return readable(name.replace('fork', 'saddle') if KINDS[kind].carrier == 'saddle' else name)

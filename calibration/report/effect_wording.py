@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is said of one effect: what is seen, what it costs, its causes, what to do about it."""
+"""Words for one effect: its shape, its size, its causes, what to do about it."""
 
 import re
 from dataclasses import dataclass
@@ -30,18 +30,18 @@ from .driver_labels import driver_of, utc_text
 from .period_wording import period_sentences
 from .verdict_wording import Statement
 
-#: degrees over which a lowest or a highest is no place but a stretch
+#: degrees: a wider minimum or maximum is given as a range
 _WIDE = 15.0
-#: of a turn of an axis: where less was observed, that is said of what repeats so often in it
+#: share of a turn: if less was observed, a periodic effect is reported with that range
 _MOST_OF_TURN = 2.0 / 3.0
-_NEIGHBOURS, _PLACES = 4, 12  # rows of one place at least, places of a driver at most
-_ALIKE = 0.1  # of their range, within which means are as low or as high as the one that is
-_ROUND = 340.0  # degrees, from where an axis has been all round and no end is one
-_FOLLOWED = 0.5  # of the variance, from where the values are said to follow a driver
+_NEIGHBOURS, _PLACES = 4, 12  # fewest rows per bin, largest number of bins of a driver
+_ALIKE = 0.1  # tolerance, relative to the range of the bin means, of a minimum or maximum
+_ROUND = 340.0  # degrees, range of a driver that covers the full circle and has no ends
+_FOLLOWED = 0.5  # smallest share of the variance explained by the bin means
 
 
 def effect_summaries(diagnosis):
-    """What a night assistant understands of each effect of a `Diagnosis`.
+    """Plain statements on each effect of a `Diagnosis`.
 
     Returns
     -------
@@ -51,13 +51,13 @@ def effect_summaries(diagnosis):
 
 
 def effect_summary(diagnosis, found):
-    """What goes wrong and how much that is of one `DiagnosedEffect`; then its causes, what its
-    driver rests on, how far it depends on the last motion: a `Statement`.
+    """`Statement` on one `DiagnosedEffect`: its shape and size; then its causes, the source of its
+    driver, and its dependence on the last motion.
     """
     context = diagnosis.observations.context
     e = found.fitted.effect
     rms, used, more = found.removes_arcsec, diagnosis.weights > 0.0, []
-    # on the axis where it goes farther
+    # the axis on which it is larger
     axis = int(np.argmax(np.ptp(found.beyond, axis=1))) if used.any() else 0
     values = found.beyond[axis]
     alternatives = still_open(vars(found))
@@ -85,23 +85,22 @@ def effect_summary(diagnosis, found):
     more += [places, observed, *period_sentences(e)]
     memory = e.parameters.get('memory_deg')
     if memory:
-        # the same with another memory, or none
+        # the same hysteresis with another memory, or none, fits as well
         open_ = any(row['in_set'] and row['name'] != e.name and row['driver'] == e.driver
                     and 'hysteresis' in row['name'] for row in found.ranking)
         more.append('After a reversal the new side is reached gradually, most of it '
                     f'within {memory:g}° of motion (its memory)'
                     + ('; the data do not determine the distance.' if open_
                        else '. A short move shows less of it.'))
-    # what the terms would take up goes as far as the effect itself, at most
+    # the part beyond the terms is at most as large as the effect itself
     reach = float(min(np.ptp(values), np.ptp(found.offsets[axis][used]))) if used.any() else 0.0
     return Statement(_lead(seen, rms, reach, own),
                      ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), reach)
 
 
 def _lead(seen, rms, reach, own):
-    """What is seen, and how much that is: of what the declared terms cannot take up the RMS on the
-    sky and the reach of the rows, and half of a wave of the angle of an axis, where that is another
-    size than on the sky; arcsec.
+    """The shape and size of an effect: peak to peak and RMS on the sky beyond the declared terms,
+    and the amplitude in the axis angle where it differs; arcsec.
     """
     if rms is None or not np.isfinite(rms):
         return f'{seen}.'
@@ -111,7 +110,7 @@ def _lead(seen, rms, reach, own):
 
 
 def _as_observed(seen, context, e, used):
-    """What is seen so often a turn, over how much of it that was, and what that leaves open."""
+    """Adds the observed range to a periodic shape, if it is much less than a turn."""
     driver = driver_of(context, e.driver) if e.parameters.get('order') else None
     if driver is None or driver.levels or not driver.label.endswith('[°]') \
             or ' per turn' not in seen:
@@ -126,7 +125,7 @@ def _as_observed(seen, context, e, used):
 
 
 def _of_axis(context, e, values, used):
-    """Half of a wave of the first axis, which is smaller on the sky, and where it is highest."""
+    """Amplitude of a wave of the first axis, which is smaller on the sky, and its maximum."""
     order = e.parameters.get('order')
     if e.form != 'encoder' or e.axes != 'az':
         return None, ''
@@ -143,7 +142,7 @@ def _of_axis(context, e, values, used):
 
 
 def _of_approach(diagnosis, e):
-    """Where the direction of approach comes from, if it was not measured."""
+    """How the direction of approach was derived, if it was not measured."""
     derived = diagnosis.observations.run.meta.get('approach_from')
     kind, _, axis = e.driver.rpartition('_')
     if not derived or kind not in ('approach', 'travel', 'before') or axis not in derived['axes']:
@@ -154,13 +153,13 @@ def _of_approach(diagnosis, e):
 
 
 def effect_title(found, axes):
-    """What an effect is called: by its cause, or where that is open by what it looks like.
+    """Title of an effect: its cause, or its shape if the cause is open.
 
     Parameters
     ----------
     found : DiagnosedEffect
     axes : sequence of str
-        What the angles of the mount are called.
+        Names of the angles of the mount.
 
     Returns
     -------
@@ -170,41 +169,41 @@ def effect_title(found, axes):
     if not (e.shape and (len(found.causes) > 1 or still_open(vars(found)) or e.kind == 'smooth')):
         return plain_name(e.name, e.parameters.get('mount', USUAL))
     where = acting_word(found, axes, '')
-    # as the axes of a plot are named
+    # worded like plot labels
     shape = re.sub(r'^an? ', '', shape_of(found))
     shape = re.sub(r'^(\w+(?: \w+)?) of the ', r'\1 vs ', shape).replace(' or of the ', ' or ')
     return f'{where} error: {shape}' if where else f'both axes: {shape}'
 
 
 def acting_word(found, axes, both):
-    """On which of the `axes` an effect and all its causes act, else `both`."""
+    """The one of the `axes` on which an effect and all its causes act, else `both`."""
     acting = {one.get('axes', found.fitted.effect.axes) for one in _may_be(found)} or {
         found.fitted.effect.axes}
     return dict(zip(('az', 'el'), axes)).get(acting.pop(), both) if len(acting) == 1 else both
 
 
 def _drivers(found):
-    """What an effect and its causes follow, each once."""
+    """Drivers of an effect and its causes, without duplicates."""
     own = found.fitted.effect.driver
     return list(dict.fromkeys(one.get('driver', own) for one in _may_be(found))) or [own]
 
 
 def _may_be(found):
-    """Its causes, and what contends with them."""
+    """Its causes and their contenders."""
     return [*found.causes, *still_open(vars(found))]
 
 
 def shape_of(found):
-    """What is seen of an effect, whatever its cause."""
+    """Shape common to an effect and all its possible causes."""
     e = found.fitted.effect
     return common_shape([one['shape'] for one in _may_be(found)] or [e.shape], _drivers(found))
 
 
 def _where(context, found, used, values):
-    """Which way an effect goes: on which side, or at which places of its driver; '' if neither."""
+    """Where an effect is lowest and highest: sides or values of its driver; '' if neither."""
     e = found.fitted.effect
     driver = driver_of(context, e.driver)
-    # of causes that follow other angles too no place of this one says where the error is
+    # with causes that depend on different angles, one of them does not locate the error
     if driver is None or len(_drivers(found)) > 1:
         return ''
     if driver.levels:
@@ -216,14 +215,14 @@ def _where(context, found, used, values):
 
 @dataclass
 class Extreme:
-    """Where something is lowest or highest along a driver.
+    """Minimum or maximum along a driver.
 
     Attributes
     ----------
     at, low, high : float
-        There, and from where to where it is hardly less so.
+        Its position, and the range in which it is hardly less extreme.
     end : bool
-        The rows end there: beyond it may be lower or higher still.
+        Whether it is at the end of the rows: beyond there may be a lower or higher value.
     """
 
     at: float
@@ -233,10 +232,10 @@ class Extreme:
 
 
 def ends(driver, values):
-    """Places of a driver around which some values are lowest and highest.
+    """Positions along a driver where values are lowest and highest.
 
-    A single row is no place: what is stretched by the other axis, or reversed through the pole,
-    has its lowest and its highest at one and the same. Means of neighbours are compared.
+    Means of bins are compared, not single rows: a value that also depends on the other axis, or
+    changes sign through the pole, can have minimum and maximum at the same position.
 
     Parameters
     ----------
@@ -245,8 +244,8 @@ def ends(driver, values):
     Returns
     -------
     tuple of Extreme or None
-        Where the means are lowest and highest; None where the driver is not what most of the
-        values follow.
+        Minimum and maximum of the bin means; None if the bin means do not explain most of the
+        variance.
     """
     known = np.isfinite(driver)
     driver, values = driver[known], values[known]
@@ -269,7 +268,7 @@ def ends(driver, values):
 
 
 def _extreme(places, alike, k, round_):
-    """`Extreme` at the place `k`, with the neighbours that are as low or as high."""
+    """`Extreme` in bin `k`, with the neighbours that are as low or as high."""
     low = high = k
     while low > 0 and alike[low - 1]:
         low -= 1
@@ -289,7 +288,7 @@ def _place(one):
 
 
 def _sides(e, fitted, values, levels):
-    """By how much more is read on one side of a driver of two than on the other, on average."""
+    """Mean difference between the two values of a two-valued driver, in words."""
     sides = [level for level in levels if level]
     if len(sides) != 2:
         return ''

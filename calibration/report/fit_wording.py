@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for a fit: what its rows leave open, whose the errors are, how a new model compares."""
+"""Words for a fit: undetermined terms, errors of mount or sky, comparison with a new model."""
 
 from datetime import datetime, timezone
 
@@ -23,9 +23,9 @@ from pointing_model.mounts import OF_MOUNT, ON_SKY
 from .implausible_wording import implausible_term
 from .row_wording import far_text
 
-#: in the place of a standard error
+#: shown in place of a standard error
 UNDETERMINED = 'undetermined'
-#: of an RMS on rows that the fit did not see
+#: label of an RMS on rows not used in the fit
 VALIDATED = 'cross-validated (2 halves)'
 
 
@@ -64,7 +64,7 @@ def _rejected_star(found):
 
 
 def origin_sentence(origin):
-    """Whose the errors of a German mount are, of a `sky_model.Origin`."""
+    """Whether the errors of a German mount are of the mount or on the sky; a `sky_model.Origin`."""
     mount, sky = (origin.left_out[name] / ARCSEC for name in (OF_MOUNT, ON_SKY))
     figures = (f'cross-validated RMS {mount:.2f} arcsec as errors of the mount, {sky:.2f} '
                f'as errors applied on the sky (p = {origin.chance:.1g})')
@@ -79,7 +79,7 @@ def origin_sentence(origin):
 
 
 def comparison_sentence(comparison, axes=('azimuth', 'elevation')):
-    """What rows that neither model has seen say of an `estimation.comparison.PairedComparison`."""
+    """Sentence on an `estimation.comparison.PairedComparison` of two models on new rows."""
     names = {'az': f'in {axes[0]}', 'el': f'in {axes[1]}', 'radial': 'on the sky'}
     parts = []
     for axis in comparison.worse or ('radial',):

@@ -12,20 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for periodic errors: what gear has such a period, and how long its phase lasts."""
+"""Words for periodic errors: which gear has this period, and how long the phase is valid."""
 
 from calibration.analysis.diagnosis.period_scans import FEWEST, MOST
 from pointing_model.effects.base import arcsec
 from pointing_model.effects.gears_and_worms import strain_wave
 
-_MOST_ALIASES, _MOST_TEETH = 4, 6  # that are named
-#: how long a model with it is good
+_MOST_ALIASES, _MOST_TEETH = 4, 6  # largest numbers that are named
+#: how long the phase in a model is valid
 PHASE = ('The phase of the periodic error lasts only with a home position, an index or an absolute '
          'encoder. Otherwise each power-on has its own: measure it anew.')
 
 
 def period_sentences(effect):
-    """What is said of a periodic error beside its size; [] of any other effect.
+    """Sentences on a periodic error besides its size; [] for any other effect.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def _gear(turns):
 
 
 def listed(numbers):
-    """Numbers as text: 1, 2 and 3."""
+    """Numbers as a list in words: 1, 2 and 3."""
     *first, last = (f'{n:.6g}' for n in numbers)
     return f'{", ".join(first)} and {last}' if first else last
 

@@ -63,7 +63,7 @@ def _stamps(found):
             f'{found.after:.0f}" without that; give UTC')
 
 
-#: of what all rows share: what is more, unit of that, and its size in that of the fit
+#: error common to all rows -> its name, its unit, and the size of the unit in the fit
 _SHARED = {
     'height': ('height of the site', 'm', 1.0),
     'height and air': ('height of the site (with the standard air there)', 'm', 1.0),

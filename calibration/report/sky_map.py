@@ -12,37 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A map of the sky: arrows of residuals, places to observe, the axes of a mount in dashes."""
+"""A sky map: arrows of residuals, positions to observe, dashed grid of the mount axes."""
 
 import numpy as np
 
 from .drawing import clean, pt, text
 
-#: of a map of the sky, for arrows that reach out of it
+#: margin for arrows that extend beyond the map
 ARROW_MARGIN = 40.0
-#: angles of the second and of the first axis that are drawn, deg
+#: grid lines of the second and of the first axis, deg
 _EACH, _ROUND = np.arange(-60.0, 61.0, 30.0), np.arange(-150.0, 181.0, 30.0)
 
 
 class SkyMap:
-    """The sky as a compass lies: zenith in the middle, north up, east to the right.
+    """Sky map oriented like a compass: zenith in the centre, north up, east to the right.
 
     Parameters
     ----------
     size : float
-        Of the square drawing.
+        Side of the square drawing.
     lowest : float
         Elevation at the rim, degrees.
     grid : tuple, optional
-        Axes of a mount, as of `grid_of`, drawn in dashes.
+        Coordinate grid of the mount, see `grid_of`, drawn dashed.
     """
 
     def __init__(self, size, lowest, grid=None):
         self.size, self.centre, self.radius = size, size / 2, size / 2 - 24
         self.lowest = lowest
         self.parts = []
-        #: how far arrows reach out of the drawing: left, above, right, below; and how many are
-        #: longer than they are drawn
+        #: how far arrows extend beyond the drawing: left, above, right, below; and the number of
+        #: arrows drawn shortened
         self.beyond, self.shortened = np.zeros(4), 0
         c, r = self.centre, self.radius
         for elevation in np.arange(np.ceil(lowest / 30.0) * 30.0, 90.0, 30.0):
@@ -59,7 +59,7 @@ class SkyMap:
             self._axes_of(*grid)
 
     def _axes_of(self, lines, names):
-        """Lines along which one axis of a mount stands still; where its pole is."""
+        """Draw the coordinate grid of a mount and its labels."""
         d = ''
         for az, el in lines:
             seen = np.degrees(el) >= self.lowest - 1e-6  # below the rim a line is broken
@@ -69,7 +69,7 @@ class SkyMap:
         self.parts.append(f'<path class="grid axes" d="{d}"/>')
         for az, el, name in names:
             x, y = self.place(az, el)
-            # those of the elevation stand above the middle
+            # keep clear of the elevation labels above the centre
             if np.degrees(el) >= self.lowest + 3.0 and np.hypot(x - self.centre - 12.0,
                                                                 y - self.centre) > 12.0:
                 self.parts.append(text(x - 3, y - 3, name, 'axes', anchor='end'))
@@ -80,32 +80,32 @@ class SkyMap:
         return self.centre + distance * np.sin(az), self.centre - distance * np.cos(az)
 
     def _vectors(self, az, el, x, y):
-        """Where arrows begin, and what they are with a drawing unit an arcsec."""
+        """Start points of arrows, and their components at one drawing unit per arcsec."""
         s, c = np.sin(az), np.cos(az)
         return *self.place(az, el), x * c - y * s, x * s + y * c
 
     def _room(self, px, py, dx, dy):
-        """By how much each arrow may be multiplied to end within the drawing and its margin."""
+        """Largest scale with which each arrow ends within the drawing and its margin."""
         low, high = -ARROW_MARGIN, self.size + ARROW_MARGIN
         with np.errstate(divide='ignore', invalid='ignore'):
             return np.min([np.where(d == 0.0, np.inf, (np.where(d > 0.0, high, low) - p) / d)
                            for p, d in ((px, dx), (py, dy))], axis=0)
 
     def scale_for(self, az, el, x, y, wanted):
-        """Scale of arrows with which all end within the drawing and its margin.
+        """Scale with which all arrows end within the drawing and its margin.
 
         Parameters
         ----------
         az, el, x, y : ndarray, shape (n,)
-            As of `arrows`.
+            See `arrows`.
         wanted : float
-            Drawing units an arcsec; of it a half at least, whatever single rows need.
+            Largest scale, drawing units per arcsec; the result is at least half of it.
         """
         room = self._room(*self._vectors(az, el, x, y))
         return float(np.clip(room.min(initial=np.inf), 0.5 * wanted, wanted))
 
     def arrows(self, az, el, x, y, scale, style, names, keys=None):
-        """Residual vectors: toward growing azimuth and elevation, `scale` drawing units an arcsec.
+        """Draw residual vectors, toward increasing azimuth and elevation.
 
         Parameters
         ----------
@@ -113,8 +113,10 @@ class SkyMap:
             Radians.
         x, y : ndarray, shape (n,)
             On the sky, arcsec.
+        scale : float
+            Drawing units per arcsec.
         names, keys : sequence of str
-            As of `Panel.points`.
+            See `Panel.points`.
         """
         px, py, dx, dy = self._vectors(az, el, x, y)
         dx, dy = dx * scale, dy * scale
@@ -133,7 +135,7 @@ class SkyMap:
         self.parts.append('</g>')
 
     def marks(self, az, el, style, texts):
-        """Numbered places."""
+        """Draw numbered positions."""
         for i, (a, b) in enumerate(zip(*self.place(az, el))):
             self.parts.append(
                 f'<g class="{style}"><title>{clean(texts[i])}</title><circle cx="{pt(a)}" '
@@ -154,7 +156,7 @@ def _arrow(x, y, dx, dy):
 
 
 def grid_of(mount):
-    """The grid of a mount; None of an alt-azimuth one, whose axes are those of the map.
+    """The coordinate grid of a mount; None for an alt-azimuth mount, whose grid is the map's.
 
     Parameters
     ----------
@@ -163,9 +165,9 @@ def grid_of(mount):
     Returns
     -------
     lines : list of (ndarray, ndarray)
-        Azimuth and elevation, rad, along which one axis stands still.
+        Azimuth and elevation, rad, of lines of constant axis angle.
     names : list of (float, float, str)
-        Place of each label, and its text.
+        Azimuth, elevation and text of each label.
     """
     if mount.vertical:
         return None

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Terms of a model, their errors, and how they go together."""
+"""Terms of a model, their standard errors and correlations."""
 
 from pathlib import PurePath
 
@@ -21,7 +21,7 @@ import numpy as np
 from . import page_parts as page
 from .number_wording import value_and_error
 
-#: terms up to which every correlation is drawn; of more the strong pairs are listed
+#: largest number of terms with a full correlation matrix; with more, strong pairs are listed
 _DRAWN = 14
 
 
@@ -31,7 +31,7 @@ def terms_table(terms):
     Parameters
     ----------
     terms : list of dict
-        ``name, value, sigma, unit``; of some ``alone``: what it is without the effects.
+        ``name, value, sigma, unit``; optionally ``alone``: the value without the effects.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def terms_table(terms):
 
 
 def run_terms_table(runs):
-    """Terms that each run fitted for itself."""
+    """Terms fitted separately to each run."""
     names = list(dict.fromkeys(name for terms in runs.values() for name in terms))
     rows = [[PurePath(str(run)).name, *(page.Number(terms.get(name), 2, True) for name in names)]
             for run, terms in runs.items()]
@@ -64,7 +64,7 @@ def run_terms_table(runs):
 
 
 def correlation_table(names, matrix):
-    """Correlations as coloured cells; of many terms only the strong pairs."""
+    """Correlations as coloured cells; with many terms the strong pairs only."""
     if matrix is None or len(names) < 2:
         return None
     matrix = np.asarray(matrix, float)
@@ -93,10 +93,10 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
     rows : list of dict
         ``name``, ``value_arcsec``, ``sigma_arcsec``.
     correlations : array_like, optional
-        Of `names`, by default the names in `rows`, or of the first of them.
+        Of `names` (by default the names in `rows`), or of the first of them.
     note : str
     more : part of a page
-        At the end of the table.
+        Shown after the table.
     """
     terms = [{'name': row['name'], 'value': row['value_arcsec'], 'sigma': row.get('sigma_arcsec'),
               'undetermined': row.get('undetermined', False), 'unit': 'arcsec'}

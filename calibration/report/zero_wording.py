@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for zeros: what they follow from power-on to power-on, and what one rests on."""
+"""Words for zeros: covariates that explain their changes, and what a measured zero depends on."""
 
 from calibration.analysis.zero.power_on_zeros import NO_MODEL, MeasuredZero
 from pointing_model.zero import BY_POLARIS
 
-#: of `analysis.zero.zero_causes.COVARIATES`
+#: names of `analysis.zero.zero_causes.COVARIATES`
 COVARIATES = {
     'temperature': 'temperature',
     'supply': 'supply voltage',
@@ -78,7 +78,7 @@ KINDS = {
 
 
 def zero_statement(zero):
-    """What a `MeasuredZero` rests on: terms that its exposures cannot tell from it."""
+    """What a `MeasuredZero` depends on: terms that its exposures cannot separate from it."""
     def list_of(axis):
         parts = sorted(zero.contamination[axis].items(), key=lambda item: -abs(item[1]))
         return ', '.join(f'{name} {v:+.2f}\u2033' for name, v in parts if abs(v) >= 0.005)
@@ -99,6 +99,6 @@ def zero_statement(zero):
 
 
 def zero_document(zero):
-    """`to_dict` of a zero, with ``statement`` where it was measured."""
+    """`to_dict` of a zero, with ``statement`` if it was measured."""
     words = {'statement': zero_statement(zero)} if isinstance(zero, MeasuredZero) else {}
     return {**zero.to_dict(), **words}
