@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The first layer of a diagnosis: what is wrong, how large, how sure; what to check first."""
+"""Summary of a diagnosis: what is wrong, how large, how sure; what to check first."""
 
 from dataclasses import dataclass
 
@@ -31,26 +31,26 @@ from .row_wording import bad_nights, far_text, left_out_lines
 from .verdict_wording import short_headline, slow_is_largest
 
 MOST_OUTLIERS, _REASONS = 3, 2
-#: why a row is excluded, where that is said elsewhere
+#: reasons of excluded rows that are reported elsewhere
 _EXPLAINED = ('outlier', 'commented out')
 
 
 @dataclass
 class DiagnosisSummary:
-    """What a person reads first.
+    """Summary of a diagnosis for users.
 
     Attributes
     ----------
     headline : str
-        What, how large, how sure.
+        What is wrong, how large, how sure.
     numbers : list of (str, str)
-        RMS on the sky and what it is of: raw, with the terms, with the effects.
+        RMS on the sky and its label: raw, with the terms, with the effects.
     validation : str
-        On what the last two rest.
+        How the last two were validated.
     effects : list of ErrorLine
-        The largest first.
+        Largest first.
     cautions : list of str
-        What may put all of it in doubt.
+        Reasons to doubt the result.
     todo : str
         What to observe next, or that no observation helps.
     """
@@ -70,11 +70,11 @@ def summary_of(document, names, reaches, cautions=()):
     ----------
     document : dict
     names : sequence of str
-        Of its effects, in their order.
+        Titles of its effects, in the same order.
     reaches : sequence of float or None
         Peak to peak of each, arcsec.
     cautions : sequence of str
-        To come first among those of the document.
+        Cautions placed before those of the document.
     """
     stays = document['verdict'] in STAYS
     effects = [] if stays else sorted(
@@ -103,7 +103,7 @@ def _line(document, row, name, reach):
 
 
 def repeats(document, row):
-    """In how many resamples an effect is found, by any of its causes, and of how many; or None."""
+    """Number of resamples with an effect (by any of its causes), and of all resamples; or None."""
     spread = document['after'].get('cv_spread') or {}
     return ((spread.get('chosen_set') or spread.get('chosen') or {}).get(row['name']),
             spread.get('folds'))
@@ -122,7 +122,7 @@ def effect_line(row, name, reach=None, stability=''):
 
 
 def _cautions(document):
-    """One short sentence for each thing that bears on all."""
+    """Cautions on the whole result, one short sentence each."""
     out = list(map(implausible_caution, document.get('unphysical') or ()))
     if not slow_is_largest(document) and document['verdict'] != 'wanders':
         out += noise_caution(document.get('wander') or {})
@@ -152,7 +152,7 @@ def _cautions(document):
 
 
 def _todo(document):
-    """What would distinguish the causes of the largest effect that has several."""
+    """What to observe to distinguish the causes of the largest effect with several causes."""
     rows = sorted((row for row in document['effects'] if open_causes(row) > 1
                    and all(one['effects'] for one in row.get('causes') or ())),
                   key=lambda row: -(row.get('removes_rms_arcsec') or 0.0))

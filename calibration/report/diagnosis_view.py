@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A diagnosis in the terms of its page: names, units, drivers, sentences."""
+"""A diagnosis prepared for its page: names, units, drivers, sentences."""
 
 from dataclasses import dataclass, field
 from pathlib import PurePath
@@ -50,24 +50,24 @@ _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az'
 
 @dataclass
 class FoundEffect:
-    """An effect that was added, for its part of the page.
+    """An effect found, for its part of the page.
 
     Attributes
     ----------
     title, name : str
-        What it is called, in a line and as a heading.
+        Its name in running text and as a heading.
     summary : Statement
     text : str
-        All of it.
+        Full text of the summary.
     facts : list of (str, str)
     fitted, own : ndarray, shape (2, n)
-        What it moves in each row, and of that what no term and no other effect takes up, see
+        Fitted offset of each row, and its part that no term and no other effect absorbs, see
         `page_figures.its_own`; arcsec on the sky.
     driver : Driver, optional
     causes : list of tuple
-        Cause, ΔBIC, coefficients, what to look at.
+        Cause, ΔBIC, coefficients, what to check.
     fades : bool
-        On the sky it is smaller higher up.
+        Whether it decreases with elevation on the sky.
     """
 
     title: str
@@ -85,59 +85,59 @@ class FoundEffect:
 
 @dataclass
 class DiagnosisView:
-    """All that terminal and page show: what is text is so in words.
+    """Everything that terminal and page show, with texts in words.
 
     Attributes
     ----------
     document : dict
         The JSON result.
     residuals : Residuals
-        The rows, for the figures that all pages have.
+        The rows, for the figures common to all pages.
     drivers : list of Driver
     effects : list of FoundEffect
     ranking : list of dict
-        Candidates on what the declared model leaves: ``name, driver, axes, delta_bic,
-        p_family, in_set``.
+        Candidates, tested on the residuals of the declared model: ``name, driver, axes,
+        delta_bic, p_family, in_set``.
     terms : list of dict
         ``name, value, sigma, unit``.
     correlated : list of str
     correlations : ndarray, shape (k, k), optional
         Of the coefficients in `correlated`.
     summary : DiagnosisSummary
-        What is read first.
     sentences : list of str
-        The verdict on the terminal, its headline first.
+        The verdict for the terminal, headline first.
     badge : tuple of str
-        Class and word of the verdict, as far as its causes are open.
+        Class and word of the verdict, depending on whether causes are open.
     word : str
-        What the verdict is called.
+        Name of the verdict.
     meta, used, model, floor, choice, expected : str
-        On what it rests: in short, rows used, the declared terms; what the noise floor is called;
-        how far cross-validated figures depend on the choice; the error on new stars.
+        Short description of the data; rows used; declared terms; label of the noise floor; how
+        often effects were re-selected in cross-validation; expected error on new stars.
     notes, page_notes, signs, left_out : list of str
-        What is noted, for the page alone too, of the signs of columns, and of rows left out.
+        Notes for the terminal and for the page, on the signs of columns, and on excluded rows.
     proposals : list of (list of str, list of dict, str)
-        Of `observation_wording.proposal_groups`.
+        Result of `observation_wording.proposal_groups`.
     proposal_lines : list of str
     serves : str
+        Sentence if the proposals do not concern the largest effect, else ''.
     no_star : dict of str to str
-        Whom these do not serve.
+        Sentences on effects whose causes no observation separates.
     limits : list of (str, str)
-        What these rows would have shown, and the least of it; none where an effect was found.
+        Effects and their detection limits; empty if an effect was found.
     untestable : list of (str, str)
-        What this run cannot show, and why.
+        Effects that this run cannot test, and why.
     run_terms : dict
-        Run -> {term: arcsec} that it fitted for itself.
+        Run -> {term: arcsec} fitted to that run alone.
     about : str
-        Of which telescope, when and where.
+        Telescope, date and site.
     axes_note : str
-        What the angles are through the pole.
+        Meaning of the angles beyond the pole.
     fits : list of (str, Linearisation, list of str)
-        Of `refit_preview.preview`; none where rows cannot be excluded.
+        See `refit_preview.preview`; empty if rows cannot be excluded on the page.
     lines, file
-        Numbers of the rows, and the file they are of.
+        Numbers of the rows, and their file.
     changed : bool
-        Whether anything was added.
+        Whether the effects changed any residual.
     """
 
     document: dict
@@ -180,13 +180,13 @@ class DiagnosisView:
 
 
 def view_of(diagnosis, document=None):
-    """What terminal and page show of a diagnosis.
+    """Prepare a diagnosis for terminal and page.
 
     Parameters
     ----------
     diagnosis : calibration.analysis.diagnosis.diagnosis_result.Diagnosis
     document : dict, optional
-        Of `documents.diagnosis_document`, by default its own.
+        Result of `documents.diagnosis_document`; by default made here.
 
     Returns
     -------
@@ -241,7 +241,7 @@ def _badge(document):
 
 
 def _meta(document, sources):
-    """On what a diagnosis rests, in short."""
+    """Short description of the data of a diagnosis: rows, runs, files, terms."""
     runs = document['runs']
     text = row_wording.used_sentence(document).partition(';')[0] + f' in {runs} runs' * (runs > 1)
     sources = sources[:3] + ([f'and {len(sources) - 3} more'] if len(sources) > 3 else [])
@@ -267,7 +267,7 @@ def _residuals(diagnosis, document):
 
 
 def _groups(obs):
-    """Name of the run of each row, where there are several and not too many to choose from."""
+    """Name of the run of each row; None for a single run or more than 100 runs."""
     if not 1 < len(obs.runs) <= 100:
         return None
     names = [name if isinstance(name, (int, float)) else PurePath(str(name)).name
@@ -277,7 +277,7 @@ def _groups(obs):
 
 
 def _ranking(diagnosis, mount):
-    """Candidates, which of them noise explains as well, their axes in words of the mount."""
+    """Candidates, with a mark if noise explains as much, and the axis names of the mount."""
     like = (diagnosis.noise_memory or {}).get('like', ())
     rows = [{**row, 'or_noise': row['name'] in like} for row in diagnosis.ranking]
     if mount.vertical:
@@ -293,7 +293,7 @@ def _ranking(diagnosis, mount):
 
 
 def _axes_of(context):
-    """What the axes are called, and how they stand to the horizon."""
+    """Names of the axes, and their orientation relative to the horizon."""
     mount = context.mount
     if mount.vertical and not is_beyond(context.el).any():
         return {}
@@ -321,12 +321,12 @@ def _sources(obs):
     return [PurePath(s).name for s in dict.fromkeys(sources) if s]
 
 
-#: findings that tables of the page have
+#: kinds of findings shown in tables of the page
 _IN_TABLES = ('another model', 'curve')
 
 
 def _page_notes(diagnosis):
-    """Notes of the page: what no table of it has."""
+    """Notes of the page that are not in its tables."""
     return [*dict.fromkeys(wording(one) for one in diagnosis.notes
                            if getattr(one, 'kind', '') not in _IN_TABLES),
             *(e.fitted.effect.alias for e in diagnosis.effects if e.fitted.effect.alias)]
@@ -335,7 +335,7 @@ def _page_notes(diagnosis):
 # --------------------------------------------------------------------------------------- drivers
 
 def _drivers(diagnosis, effects):
-    """Drivers for the figures: those of the effects first, then what is known."""
+    """Drivers for the figures: those of the effects first, then all known ones."""
     context = diagnosis.observations.context
     names = [e.driver.name for e in effects if e.driver is not None and e.driver.plain]
     names += context.mount.names.keys
@@ -370,12 +370,12 @@ def _causes(found, context):
 
 
 def _is_fitted(cause, found, context):
-    """Whether the model has the effect of this cause: its coefficients are those fitted."""
+    """Whether this cause is the one in the model: its coefficients are those fitted."""
     return _size_of(cause, context).startswith(_coefficients_of(found, context))
 
 
 def _gain(value):
-    """A gain, or a dash."""
+    """A gain as text, or a dash."""
     return '–' if value is None else f'{value:.1f}'
 
 
@@ -384,7 +384,7 @@ def _first_part(text):
 
 
 def _size_of(cause, context):
-    """What the coefficients of a cause would be, and TF beside it; '' where it was not fitted."""
+    """Coefficients fitted with a cause, and TF with it; '' if it was not fitted."""
     fitted = cause.get('fitted')
     if fitted is None:
         return ''
@@ -396,7 +396,7 @@ def _size_of(cause, context):
 
 
 def _coefficients_of(found, context):
-    """The coefficients of an effect with their errors, and units that are no arcsec."""
+    """Coefficients of an effect with errors, and units other than arcsec."""
     e = found.fitted.effect
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
                  found.fitted.sigma / ARCSEC)
@@ -424,7 +424,7 @@ def _facts(found, context):
 
 
 def _effect_driver(context, e):
-    """What an effect is drawn against."""
+    """Driver on the x axis of the figure of an effect."""
     if e.figure is None:
         return driver_of(context, e.driver)
     label, values = e.figure(context)
@@ -452,7 +452,7 @@ def _terms(diagnosis):
 
 
 def _refits(diagnosis):
-    """Both fits of a run of one file, with the names that the table of terms has."""
+    """Both fits of a run of one file, with the names used in the table of terms."""
     obs = diagnosis.observations
     if len(_sources(obs)) > 1 or not diagnosis.linear:
         return ()
@@ -465,7 +465,7 @@ def _refits(diagnosis):
 
 
 def _coefficients(names, diagnosis):
-    """Names of effects that have one coefficient stand alone."""
+    """Names of coefficients; an effect with one coefficient has its name only."""
     several = {name for name, _ in names if sum(name == n for n, _ in names) > 1}
     effects = {e.fitted.effect.name: e.fitted.effect for e in diagnosis.effects}
     return [readable(name) + (f': {coefficient_word(effects[name], c)}' if name in several else '')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Small figures as inline SVG: no library to load, crisp on paper, text that can be searched."""
+"""Small figures as inline SVG: no library needed, sharp in print, searchable text."""
 
 from html import escape
 
@@ -20,25 +20,25 @@ import numpy as np
 
 from .page_parts import Markup
 
-#: points drawn at most in one panel; the figures beside them are of all rows
+#: largest number of points drawn in one panel; numbers in captions are of all rows
 MAX_POINTS = 3000
-#: marks that are no dots, by class
+#: marks other than dots, by class
 _MARKS = {'third': 'm-2.8 2.4h5.6l-2.8 -5z', 'fit': 'm-2.6 -2.6l5.2 5.2m0 -5.2l-5.2 5.2'}
-MAX_NAMED = 400  # up to here every point has its name as a tooltip
-#: rows up to which every plot has every row to point at, and up to which any has
+MAX_NAMED = 400  # largest number of points with names as tooltips
+#: largest number of rows linked in all plots, and in any plot
 MAX_LINKED, MAX_POINTED = 1100, 1500
-#: after is drawn once more, larger, where it is smaller than before by so much
+#: "after" is drawn again, magnified, if smaller than "before" by more than this factor
 MAGNIFIED = 4.0
 
 
 def clean(text):
-    """`text` for HTML and XML: escaped, without characters that XML does not know."""
+    """`text` escaped for HTML and XML, without characters that XML does not allow."""
     text = ''.join(c if c.isprintable() else '\ufffd' for c in str(text))
     return escape(text, quote=True)
 
 
 def ticks(low, high, count=5):
-    """Round values from `low` to `high`, some `count` of them.
+    """About `count` round values from `low` to `high`.
 
     Returns
     -------
@@ -60,12 +60,12 @@ def _tick(value):
 
 
 def pt(value):
-    """A coordinate as a drawing has it, to a tenth."""
+    """A coordinate as text, rounded to a tenth."""
     return f'{value:.1f}'.rstrip('0').rstrip('.')
 
 
 def _rounding(n):
-    """How a coordinate is written: of many marks as a whole number, for the size of the page."""
+    """Format of coordinates: whole numbers if there are many marks, to limit the page size."""
     return pt if n <= MAX_NAMED else '{:.0f}'.format
 
 
@@ -77,11 +77,11 @@ def text(x, y, words, style='tick', anchor='middle', dy=''):
     x, y : float
     words : str
     style : str
-        Its class.
+        CSS class.
     anchor : {'start', 'middle', 'end'}
-        What of it lies at x.
+        Part of the text that is at x.
     dy : str
-        How far below y.
+        Shift below y.
     """
     anchor = '' if anchor == 'start' else f' text-anchor="{anchor}"'
     dy = f' dy="{dy}"' if dy else ''
@@ -89,12 +89,12 @@ def text(x, y, words, style='tick', anchor='middle', dy=''):
 
 
 def thinned(rows, limit):
-    """Of some rows each second, third and so on: at most so many."""
+    """Every k-th of some rows, at most `limit` of them."""
     return rows[::-(-len(rows) // limit) or 1]
 
 
 class Panel:
-    """Axes of one figure: data to drawing, ticks, points, lines.
+    """Axes of one figure: coordinate transform, ticks, points, lines.
 
     Parameters
     ----------
@@ -110,17 +110,17 @@ class Panel:
         self.parts = []
 
     def x(self, value):
-        """Drawing coordinate."""
+        """Drawing coordinate x of a value."""
         low, high = self.x_range
         return self.left + self.width * (np.asarray(value, float) - low) / (high - low)
 
     def y(self, value):
-        """Drawing coordinate."""
+        """Drawing coordinate y of a value."""
         low, high = self.y_range
         return self.top + self.height * (high - np.asarray(value, float)) / (high - low)
 
     def axes(self, x_label='', y_label='', title='', x_ticks=None, x_texts=None):
-        """Frame, ticks, a line at zero and the labels."""
+        """Draw frame, ticks, zero line and labels."""
         left, right = self.left, self.left + self.width
         top, bottom = self.top, self.top + self.height
         out = self.parts
@@ -146,18 +146,18 @@ class Panel:
             out.append(text(left, top - 7, title, 'title', 'start'))
 
     def _places(self, x, y, limit=MAX_POINTS):
-        """Which values to draw, and where: what lies beyond the frame at its edge."""
+        """Indices and coordinates of values to draw; values beyond the frame are at its edge."""
         x, y = np.asarray(x, float), np.asarray(y, float)
         good = thinned(np.flatnonzero(np.isfinite(x) & np.isfinite(y)), limit)
         return good, self.x(x[good]), self.y(np.clip(y[good], *self.y_range))
 
     def moving(self, axes):
-        """Attributes that say a page's script how to move marks: where a residual is drawn.
+        """Attributes with which the script of a page moves marks when residuals change.
 
         Parameters
         ----------
         axes : tuple of int or None
-            Which residual is across, and which up: 0, 1, or None.
+            Index of the residual drawn horizontally and vertically: 0, 1, or None.
         """
         (left, right), (low, high) = self.x_range, self.y_range
         across, up = self.width / (right - left), -self.height / (high - low)
@@ -167,19 +167,20 @@ class Panel:
                        for name, axis, place in zip('xy', axes, places) if axis is not None)
 
     def points(self, x, y, style, names=None, keys=None, moves=''):
-        """Dots; what lies beyond the frame is drawn at its edge as a triangle.
+        """Draw dots; points beyond the frame are triangles at its edge.
 
         Parameters
         ----------
         x, y : array_like, shape (n,)
         style : str
-            Class.
+            CSS class.
         names : sequence of str, optional
-            Of each point, for tooltips.
+            Names of the points, for tooltips.
         keys : sequence of str, optional
-            Of its row: it lights up with all that has the same one, and every point is drawn.
+            Keys of the rows: marks with the same key are highlighted together, and all points are
+            drawn.
         moves : str
-            Attributes of the group, as `moving` makes them.
+            Attributes of the group, see `moving`.
         """
         good, px, py = self._places(x, y, len(x) if keys is not None else MAX_POINTS)
         shown = np.asarray(y, float)[good]
@@ -211,7 +212,7 @@ class Panel:
             self.parts.append('</g>')
 
     def crosses(self, x, y, style, keys, moves=''):
-        """What counts for nothing: a cross for each, at the edge where it lies beyond."""
+        """Draw a cross for each unused row; at the edge if beyond the frame."""
         good, px, py = self._places(x, y, len(x))
         px = np.clip(px, self.left, self.left + self.width)
         self.parts.append(f'<g class="{style} crosses"{moves}>' + ''.join(
@@ -219,7 +220,7 @@ class Panel:
             for a, b, i in zip(px, py, good)) + '</g>')
 
     def bars(self, x, y, sigma, style):
-        """Upright strokes of 1 sigma to either side."""
+        """Draw vertical error bars of 1 sigma."""
         x, y, sigma = (np.asarray(v, float) for v in (x, y, sigma))
         good = np.isfinite(x) & np.isfinite(y) & np.isfinite(sigma)
         ends = (self.y(np.clip(y + s * sigma, *self.y_range)) for s in (-1.0, 1.0))
@@ -228,7 +229,7 @@ class Panel:
             self.parts.append(f'<g class="{style} bars-of"><path d="{d}"/></g>')
 
     def dashes(self, x, y, style, length=7.0):
-        """A short level stroke at each value: a fit that is no curve of x alone."""
+        """Draw a short horizontal dash at each value: a fit that is no function of x alone."""
         _, px, py = self._places(x, y)
         place = _rounding(len(px))
         d = ''.join(dict.fromkeys(f'M{place(a - length / 2)} {place(b)}h{length:g}'
@@ -236,14 +237,14 @@ class Panel:
         self.parts.append(f'<path class="{style}" d="{d or "M0 0"}"/>')
 
     def band(self, x, low, high):
-        """What lies between two lines."""
+        """Draw the band between two lines."""
         x, top, bottom = self.x(x), self.y(high), self.y(low)
         d = 'L'.join(f'{pt(a)} {pt(b)}' for a, b in zip(
             np.r_[x, x[::-1]], np.r_[top, bottom[::-1]]))
         self.parts.append(f'<path class="band" d="M{d}z"/>')
 
     def line(self, x, y, style, close=False):
-        """A polyline."""
+        """Draw a polyline."""
         px, py = self.x(x), self.y(y)
         d = 'L'.join(f'{pt(a)} {pt(b)}' for a, b in zip(px, py))
         self.parts.append(f'<path class="{style}" d="M{d}{"z" if close else ""}"/>')
@@ -260,19 +261,19 @@ def _open(limits):
 
 
 def svg(width, height, parts, label, kind='', margins=(0.0, 0.0, 0.0, 0.0)):
-    """A whole drawing that scales with the page.
+    """A complete drawing that scales with the page.
 
     Parameters
     ----------
     width, height : float
-        Of its own coordinates.
+        Size in drawing units.
     parts : list of str
     label : str
-        For readers that do not see it.
+        For screen readers.
     kind : str
-        Class: ``link`` where what is pointed at lights up.
+        CSS class; ``link``: rows are highlighted when pointed at.
     margins : sequence of float
-        Left, above, right, below: for what reaches out of it.
+        Left, above, right, below: for parts that extend beyond it.
     """
     kind = f' class="{kind}"' if kind else ''
     left, top, right, bottom = margins
@@ -282,7 +283,7 @@ def svg(width, height, parts, label, kind='', margins=(0.0, 0.0, 0.0, 0.0)):
 
 
 def limit_of(*values):
-    """A limit for residuals, symmetric, that single gross ones do not set.
+    """A symmetric axis limit for residuals, robust against single outliers.
 
     Parameters
     ----------
@@ -300,7 +301,7 @@ def limit_of(*values):
 
 
 def padded(values, part, least=0.0):
-    """Limits of some values with a part of their span, or of `least`, beside them."""
+    """Range of some values, extended on both sides by a `part` of the span (or of `least`)."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     room = part * max(high - low, least)
     return low - room, high + room

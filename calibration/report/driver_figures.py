@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Effects that were found, and residuals, each against what it depends on."""
+"""Figures of the effects found, and of residuals, against their drivers."""
 
 from itertools import pairwise
 
@@ -25,12 +25,12 @@ from . import page_parts as page
 from .drawing import MAX_NAMED, Panel, limit_of, padded, svg
 from .error_ranking import MOST_ERRORS
 
-#: rows up to which figures against drivers have every row to point at, and drivers in sight
+#: largest number of rows linked in the figures, and number of drivers not folded away
 _LINKED, _MOST = 300, 6
 
 
 def effects_section(view):
-    """What is left without each effect, its causes and its formula."""
+    """Section on the effects: partial residuals, causes and formula of each."""
     left = len(view.effects) - MOST_ERRORS
     more = f'{left} smaller ones: in the JSON result.' if left > 0 else ''
     return page.FoldedSection('Effects', [_effect(view, one) for one in view.effects[:MOST_ERRORS]],
@@ -38,7 +38,7 @@ def effects_section(view):
 
 
 def largest_effect(view):
-    """Figure of the first effect, if it has one and this is of one axis."""
+    """Figure of the first effect, if it has one and acts on one axis only."""
     figure = effect_figure(view, view.effects[0]) if view.effects else None
     return None if figure is None or isinstance(figure.drawing, page.FigurePair) else figure
 
@@ -51,7 +51,7 @@ def _effect(view, effect):
 
 
 def _causes(rows):
-    """Likely causes of an effect: evidence, coefficients, what to look at."""
+    """Table of likely causes of an effect: evidence, coefficients, what to check."""
     rows = [list(row) for row in rows]
     for before, row in reversed(list(pairwise(rows))):
         if row[-1] and row[-1] == before[-1]:
@@ -60,7 +60,7 @@ def _causes(rows):
 
 
 def effect_figure(view, effect):
-    """What is left without this effect alone, and the effect drawn in, against its driver."""
+    """Partial residuals, without this effect alone, and the effect itself against its driver."""
     driver = effect.driver
     if driver is None:
         return None
@@ -87,13 +87,13 @@ def effect_figure(view, effect):
 
 
 def _how_to_read(driver, effect):
-    """What else a figure against a driver of a few values needs."""
+    """Addition to the caption for a driver with few values."""
     return ', spread sideways' * bool(driver.levels) + ' (smaller higher up)' * bool(
         driver.levels and effect.fades)
 
 
 def drivers_section(view):
-    """Both axes against all drivers; those after the first fold away."""
+    """Residuals of both axes against all drivers; only the first ones are not folded away."""
     drawn = [driver_figure(view, driver) for driver in view.drivers]
     marks = page.Legend((*page.Legend().entries, *[('fit', 'effects')] * view.changed))
     return page.FoldedSection('Residuals by driver', [
@@ -102,7 +102,7 @@ def drivers_section(view):
 
 
 def driver_figure(view, driver):
-    """Both axes against one driver: before with the fit drawn in, after below."""
+    """Residuals of both axes against one driver: before with the fit, and after below."""
     out = []
     x, data = _spread(driver), view.residuals
     used = data.used
@@ -125,14 +125,14 @@ def driver_figure(view, driver):
 
 
 def _spread(driver):
-    """Values to draw: those of few levels side by side."""
+    """Values to draw; with few levels they are spread sideways."""
     if not driver.levels:
         return driver.values
     return driver.values + 0.28 * (np.modf(np.arange(len(driver.values)) * 0.618)[0] - 0.5) * 2
 
 
 def _panel(driver, top, height, limit, x_label, y_label, title):
-    """Residuals up to a limit against a driver: a panel with its axes."""
+    """Empty panel with axes for residuals up to a limit against a driver."""
     places = texts = None
     span = padded(driver.values, 0.03)
     if driver.levels:

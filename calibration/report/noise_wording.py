@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for what is left: noise that remembers, and how it scatters along the sky and by axis."""
+"""Words for the residuals: correlated noise, and scatter by elevation and axis."""
 
 from pathlib import PurePath
 
@@ -20,22 +20,22 @@ from calibration.analysis.diagnosis.residual_correlation import FEWEST
 from pointing_model.effects.base import arcsec, readable, the
 from pointing_model.mount_kinds import kind_of
 
-#: times as much one axis scatters, from where that is the headline
+#: scatter ratio of the axes from which it is the headline
 _HEADLINE = 3.0
-_NAMED = 2  # causes in a sentence, at most
-#: of the variance of an axis, from where an even drift is told
+_NAMED = 2  # largest number of causes in a sentence
+#: smallest share of the variance of an axis of a reported linear drift
 _MOSTLY = 0.5
 
 
 def correlation_sentence(entry, axes):
-    """What is said of rows that are alike.
+    """Sentences on correlated noise.
 
     Parameters
     ----------
     entry : dict
         ``wander`` of a document.
     axes : sequence of str
-        What the angles are called.
+        Names of the angles.
     """
     if not entry['slow']:
         return 'rows taken close together share their error: they count as fewer'
@@ -51,7 +51,7 @@ def correlation_sentence(entry, axes):
 
 
 def _lead(step, explained):
-    """What it may be: what the data cannot distinguish comes first."""
+    """What it may be, and what the data cannot distinguish."""
     if not step:
         return f'correlated noise: the zero drifts. {explained} explains these rows as well' \
             if explained else 'the zero drifts'
@@ -62,7 +62,7 @@ def _lead(step, explained):
 
 
 def drift_words(entry, axes):
-    """The axes that mostly drift evenly, and how fast; '' where none does."""
+    """The axes with mostly linear drift, and its rate; '' if there is none."""
     drifts = []
     for name, axis in zip(('az', 'el'), axes):
         drift = (entry.get('axes') or {}).get(name, {}).get('trend')
@@ -74,12 +74,12 @@ def drift_words(entry, axes):
 
 
 def explanation(effects):
-    """What explains it as well: causes by their names, curves without a cause by what they follow.
+    """What explains it as well: names of causes, or drivers of curves without a cause.
 
     Parameters
     ----------
     effects : sequence of dict
-        ``explained_by`` of the entry, the likeliest first.
+        ``explained_by`` of the entry, most likely first.
     """
     causes = list(dict.fromkeys(one['cause'] for one in effects if not one['curve']))
     if len(causes) == 1:
@@ -94,13 +94,13 @@ def explanation(effects):
 
 
 def cause_words(entry):
-    """What correlated noise may be, after "correlated noise": a drift, or what explains it."""
+    """Words after "correlated noise": a drift, or what explains it as well."""
     explained = explanation(entry.get('explained_by', ()))
     return f': a drift, or {explained}' if explained else '; its cause is unknown'
 
 
 def noise_caution(entry):
-    """What remains as correlated noise, and what it may be: a list, empty where it is not slow."""
+    """Caution on remaining correlated noise: a list, empty if it is not slow."""
     if not entry.get('slow'):
         return []
     size = entry.get('removes_rms_arcsec')
@@ -109,14 +109,14 @@ def noise_caution(entry):
 
 
 def _distance(axis):
-    """How far apart the rows of an axis are of which is said how they differ."""
+    """Separation of the rows whose differences are reported, in words."""
     if axis['unit'] == 'rows':
         return {10.0: 'ten', 3.0: 'three'}[axis['apart']]
     return {60: 'an hour', 10: 'ten minutes', 1: 'a minute'}[round(60.0 * axis['apart'])]
 
 
 def difference_sentence(entry, words):
-    """How much more rows differ that are farther apart; '' where that is not known."""
+    """How much more rows differ when they are farther apart; '' if unknown."""
     figures = _figures(entry, words, 'moves_arcsec')
     if not figures:
         return ''
@@ -129,7 +129,7 @@ def difference_sentence(entry, words):
 
 
 def direction_sentence(entry, words):
-    """Whether rows of one direction err alike whenever they were observed; '' if not known."""
+    """Whether rows of one direction have the same error at all times; '' if unknown."""
     figures = _figures(entry, words, 'near_next_arcsec', 'near_apart_arcsec')
     if not figures or entry.get('pairs', 0) < FEWEST:
         return ''
@@ -140,7 +140,7 @@ def direction_sentence(entry, words):
 
 
 def _figures(entry, words, *keys):
-    """Word and figures of each axis that has all of some figures."""
+    """Name and figures of each axis that has all these figures."""
     return [(word, entry['axes'][name]) for name, word in zip(('az', 'el'), words)
             if name in entry['axes'] and None not in map(entry['axes'][name].get, keys)]
 
@@ -166,7 +166,7 @@ def scatter_sentence(document):
 
 
 def axes_words(document):
-    """Which axis scatters more than the other, as a clause; '' where both do alike."""
+    """Which axis scatters more than the other, as a clause; '' if they scatter alike."""
     found = document.get('unequal_axes')
     if not found:
         return ''
@@ -177,7 +177,7 @@ def axes_words(document):
 
 
 def unexplained(document):
-    """That no effect explains what `axes_words` tell, or what single runs show; a clause."""
+    """Clause: no effect explains the scatter of `axes_words`, or only effects of single runs."""
     alone = document['unequal_axes'].get('runs_alone')
     if not alone:
         return 'no effect explains that'
@@ -190,13 +190,13 @@ def unexplained(document):
 
 
 def is_headline(document):
-    """Whether the axes are so unequal that this comes first."""
+    """Whether the axes are so unequal that this is the headline."""
     found = document.get('unequal_axes')
     return bool(found) and found['times'] >= _HEADLINE
 
 
 def axes_sentence(document):
-    """`axes_words` as a sentence, with what it may be."""
+    """`axes_words` as a sentence, with possible reasons."""
     found, text = document.get('unequal_axes'), axes_words(document)
     if not found:
         return ''

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The HTML of a page: every part drawn, in a file that refers to nothing outside itself."""
+"""The HTML of a page: renders all parts to a self-contained file."""
 
 import json
 import re
@@ -30,31 +30,31 @@ from . import page_parts as page
 from .drawing import clean
 from .number_wording import number
 
-#: colours that the colour-blind tell apart, light and dark, and paper; what a page does when it is
-#: touched: rows light up in every plot, tables sort, nights filter; plots zoom and are saved; rows
-#: are excluded. Everything is on the page without it
+#: style: colours distinguishable by the colour-blind; light, dark and print. Scripts: highlighting
+#: of rows in all plots, sorting of tables, filtering of nights; zooming and saving of plots;
+#: exclusion of rows. The page is complete without scripts
 CSS, *_SCRIPTS = ('\n' + files(__package__).joinpath(f'page{name}').read_text(encoding='utf-8')
                   for name in ('.css', '.js', '_plots.js', '_refit.js'))
-#: of a page that is XML too
+#: the scripts, wrapped for a page that is also XML
 SCRIPT = '//<![CDATA[' + re.sub('\n +', '\n', ''.join(_SCRIPTS)) + '//]]>'
 _BODY = re.compile('<main>\n(.*)\n</main>', re.DOTALL)
-#: of a page alone: its bar, and what a refit of its rows needs
+#: parts removed when a page is included in another: control bar and refit data
 _ALONE = re.compile('<div (?:class="controls"|id="refit").*?</div>', re.DOTALL)
-#: a script in a name could not run even if it came through: only ours has this sum
+#: an injected script cannot run: only the page's own script has this hash
 _POLICY = ("default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-"
            + b64encode(sha256(SCRIPT.encode()).digest()).decode() + "'")
 
 
 def whole(title, parts, kind=''):
-    """A page: one file that refers to nothing outside itself, well-formed as XML too.
+    """A page: one self-contained file, also well-formed XML.
 
     Parameters
     ----------
     title : str
     parts : list
-        As of `page_parts`.
+        See `page_parts`.
     kind : str
-        Of what it is a page, in its head.
+        Description in the head of the page.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def whole(title, parts, kind=''):
 
 
 def body_of(text):
-    """What is on a page that `whole` has made, to be a part of another.
+    """The body of a page made by `whole`, for inclusion in another page.
 
     Parameters
     ----------
@@ -79,22 +79,22 @@ def body_of(text):
     Returns
     -------
     Markup
-        '' if it is none.
+        '' if it is no such page.
     """
     found = _BODY.search(text)
-    # one page has one heading and one bar
+    # a page has one main heading and one control bar only
     return page.Markup(_ALONE.sub('', found[1]).replace('<h1>', '<h2 class="part">').replace(
         '</h1>', '</h2>') if found else '')
 
 
 @singledispatch
 def drawn(part):
-    """A part of a page as HTML: text, unless it is one of `page_parts`; '' of nothing.
+    """Render a part of a page as HTML; other objects as text, and None as ''.
 
     Parameters
     ----------
     part
-        As of `page_parts`.
+        See `page_parts`.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def _(part: page.Markup):
 
 
 def _tag(name, inside, kind=''):
-    """An element of a class; nothing of nothing."""
+    """An element with a class; '' if it is empty."""
     kind = f' class="{kind}"' if kind else ''
     return f'<{name}{kind}>{inside}</{name}>' if inside else ''
 
@@ -144,7 +144,7 @@ def _(part: page.Size):
 
 
 def _of_rms(when=''):
-    """What a refit in the page changes."""
+    """Attribute of an RMS that a refit in the page updates."""
     return f' data-rms="{when}"' if when else ''
 
 
@@ -303,7 +303,7 @@ def _(part: page.Table):
 
 
 def _cell(value):
-    """Of a table: nothing known is a dash."""
+    """Cell of a table; a dash for None."""
     return '–' if value is None else drawn(value)
 
 

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parts of a page, as data: `page_html` draws them.
+"""Parts of a page as data; `page_html` renders them.
 
-A part may be text, which is shown as it is, a list of parts, or None: nothing. What has nothing in
-it is left out with its heading.
+A part may also be plain text, a list of parts, or None (nothing). Empty sections are omitted with
+their heading.
 """
 
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ from typing import Any
 
 
 class Markup(str):
-    """What is drawn already: a drawing, or the body of another page."""
+    """Finished markup: a drawing, or the body of another page."""
 
 
 # ------------------------------------------------------------------------------ in a line of text
 
 @dataclass(frozen=True)
 class Number:
-    """A number; None and NaN are a dash."""
+    """A number; a dash for None and NaN."""
 
     value: float | None
     digits: int = 2
@@ -48,14 +48,14 @@ class Size:
 
 @dataclass(frozen=True)
 class Code:
-    """What is typed, or a sum."""
+    """Monospaced text: a command or a checksum."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Link:
-    """Where another page lies."""
+    """A link to another page."""
 
     text: str
     place: str
@@ -71,7 +71,7 @@ class Numbered:
 
 @dataclass(frozen=True)
 class FilledBar:
-    """A small bar, filled from 0 to 1; `inset`: of one that stands out."""
+    """A small bar, filled from 0 to 1; `inset`: highlighted."""
 
     part: float
     inset: bool = False
@@ -79,7 +79,7 @@ class FilledBar:
 
 @dataclass(frozen=True)
 class Correlation:
-    """A number from -1 to 1 on its colour; on the diagonal of a matrix it has none."""
+    """A number from -1 to 1 on a colour scale; no colour on the diagonal of a matrix."""
 
     value: float
     diagonal: bool = False
@@ -89,14 +89,14 @@ class Correlation:
 
 @dataclass(frozen=True)
 class Heading:
-    """Of the page."""
+    """Heading of the page."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Text, of a kind: ``meta``, ``note``."""
+    """Text; `kind`: ``meta`` or ``note``."""
 
     text: Any
     kind: str = ''
@@ -104,21 +104,21 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Footer:
-    """What holds for all figures of the page."""
+    """Footer: what applies to all figures of the page."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class SentenceList:
-    """Sentences as a list; empty ones are left out."""
+    """Sentences as a list; empty ones are omitted."""
 
     texts: tuple
 
 
 @dataclass(frozen=True)
 class Definitions:
-    """Words, and what each is: pairs of text."""
+    """Definition list: pairs of text."""
 
     rows: list
 
@@ -127,7 +127,7 @@ class Definitions:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page with a heading; `note` stands below it."""
+    """A part of the page with a heading, and a `note` below it."""
 
     title: str
     parts: Any
@@ -149,7 +149,7 @@ class Subsection:
 
 @dataclass(frozen=True)
 class Folded:
-    """What opens on a click."""
+    """Parts that open on a click."""
 
     summary: str
     parts: Any
@@ -157,7 +157,7 @@ class Folded:
 
 @dataclass(frozen=True)
 class Block:
-    """A place for parts, kept where it is empty; in one of ``scroll`` nothing becomes too small."""
+    """A container, kept if empty; kind ``scroll``: scrolls rather than shrink its content."""
 
     parts: Any
     kind: str = ''
@@ -165,24 +165,24 @@ class Block:
 
 @dataclass(frozen=True)
 class FigurePair(Block):
-    """Beside each other where the page is wide enough."""
+    """Figures side by side if the page is wide enough."""
 
     kind: str = 'pair'
 
 
 @dataclass(frozen=True)
 class VerdictSection:
-    """The first section: what there is to know.
+    """The first section: the main result.
 
     Attributes
     ----------
     headline : str
     parts
-        `Cards`, and what is below.
+        `Cards`, and parts below them.
     badge : str
         The verdict in a word.
     kind : str
-        By which it has its colour.
+        Determines the colour.
     """
 
     headline: str
@@ -195,7 +195,7 @@ class VerdictSection:
 
 @dataclass(frozen=True)
 class Figure:
-    """A drawing with its caption; `when`: ``before`` or ``after``, where it shows one alone."""
+    """A drawing with its caption; `when`: ``before`` or ``after`` if it shows only one of them."""
 
     drawing: Any
     caption: Any = ''
@@ -204,16 +204,16 @@ class Figure:
 
 @dataclass(frozen=True)
 class Legend:
-    """What the marks mean: (kind, text) each."""
+    """Legend of the marks: pairs (kind, text)."""
 
     entries: tuple = (('before', 'before'), ('after', 'after'))
 
 
 @dataclass(frozen=True)
 class Cards:
-    """Large numbers: value in arcsec or text, and what it is; None is left out.
+    """Large numbers: value in arcsec or text, and a label; None is omitted.
 
-    A third entry, ``before`` or ``after``, says that it is the RMS of those residuals.
+    A third entry, ``before`` or ``after``, marks the RMS of those residuals.
     """
 
     rows: tuple
@@ -226,11 +226,11 @@ class BarChart:
     Attributes
     ----------
     rows : list of (str, list of (float or None, str, str))
-        What it is of, and each bar: its value in arcsec, its kind, what is said beside it.
+        Label, and for each bar its value in arcsec, its kind and a text.
     floor : float, optional
-        Below which no model can come, arcsec.
+        Lower limit for any model, arcsec.
     floor_text : str
-        What that is.
+        Label of `floor`.
     """
 
     rows: list
@@ -240,7 +240,7 @@ class BarChart:
 
 @dataclass(frozen=True)
 class Column:
-    """Head of a column; `when`: of ``before`` or ``after`` alone; `sorted`: the rows are by it."""
+    """Header of a column; `when`: shown for ``before`` or ``after``; `sorted`: rows are by it."""
 
     text: str
     when: str = ''
@@ -249,23 +249,23 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; nothing of no rows.
+    """A table; omitted if it has no rows.
 
     Attributes
     ----------
     header : sequence of str or Column
     rows : iterable of sequence
-        None is a dash.
+        None is shown as a dash.
     kind : str
-        Words; of ``stack`` the cells stand below each other where the window is narrow.
+        CSS classes; ``stack``: cells are stacked in a narrow window.
     caption : str
-        For readers that do not see it.
+        For screen readers.
     keys : sequence of str
-        Of each row: it lights up with the marks that have the same one.
+        Key of each row: it is highlighted with all marks with the same key.
     groups : sequence of str
-        Of each row: by it rows are chosen.
+        Group of each row, for filtering.
     tall : bool
-        It scrolls in a window of its own.
+        Whether it scrolls in a separate window.
     """
 
     header: Any
@@ -281,7 +281,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Controls:
-    """The bar that says what is shown; `groups`: name and a sentence of each, which are `word`."""
+    """Control bar of the page; `groups`: name and sentence for each group, called `word`."""
 
     word: str = ''
     groups: tuple = ()
@@ -289,11 +289,11 @@ class Controls:
 
 @dataclass(frozen=True)
 class RefitData:
-    """What a refit in the page needs; nobody sees it."""
+    """Hidden data for a refit in the page."""
 
     document: dict
 
 
-#: of pages of residuals
+#: footer of pages with residuals
 FOOTER = Footer('All offsets are encoder − catalogue, on the sky, in seconds of arc (arcsec, ″). '
                 'RMS values are radial unless an axis is named.')

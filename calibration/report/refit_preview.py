@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a page needs to refit its terms without rows that a reader excludes: numbers in base64."""
+"""Data with which a page refits its terms without rows that the user excludes; in base64."""
 
 from base64 import b64encode
 
@@ -25,14 +25,14 @@ from .drawing import MAX_POINTED
 from .page_parts import RefitData
 from .provenance import command_line
 
-#: steps of the largest number: those of a refit, and of what is only drawn
+#: bytes -> steps up to the largest number: 4 bytes for a refit, 2 for plots
 _STEPS = {4: 2**31 - 1, 2: 2**15 - 1}
-#: distances at which the page knows the weight of a row: between them it is good to 1e-7
+#: size of the table of robust weights by distance: interpolation is good to 1e-7
 _DISTANCES = 2049
 
 
 def preview(data, fits, rows, command, file=''):
-    """The data of the refit; None where there is nothing to refit.
+    """The data of the refit; None if there is nothing to refit.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def preview(data, fits, rows, command, file=''):
     command : str
         ``fit`` or ``diagnose``.
     file : str
-        That was read, where no command line says so.
+        Input file, for a command line that does not name it.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def preview(data, fits, rows, command, file=''):
     for when, fit, names in fits:
         models.append({'when': when, **_model(fit, names, data.of(when), columns)})
     angle, flip = _turns(data)
-    # what a reader excludes is of the file: of a page of several files there is no such number
+    # --exclude takes row numbers of one file: with several files they would be ambiguous
     return RefitData({
         'keys': ' '.join(data.keys), 'rows': [int(row) for row in rows],
         'used': ''.join('01'[bool(used)] for used in data.used),
@@ -67,7 +67,7 @@ def preview(data, fits, rows, command, file=''):
 
 
 def _model(fit, names, residual, columns):
-    """One fit; `columns` gets those that are not in it yet."""
+    """Data of one fit; design columns not yet in `columns` are added to it."""
     if fit is None:
         return {'names': [], 'residual': [_scaled(v, 2) for v in np.nan_to_num(residual)]}
     of = []
@@ -76,7 +76,7 @@ def _model(fit, names, residual, columns):
         of.append(next(same, len(columns)))
         if of[-1] == len(columns):
             columns.append(column)
-    # what is subtracted from the offsets, in arcsec, beside columns without a unit
+    # coefficients in arcsec; columns have no unit
     return {'names': names, 'values': (fit.coefficients / ARCSEC).tolist(), 'of': of,
             'residual': [_scaled(v) for v in fit.residual / ARCSEC],
             'weights': _weights(fit),
@@ -85,19 +85,19 @@ def _model(fit, names, residual, columns):
 
 
 def _loss():
-    """Weights by the distance, up to where they are zero."""
+    """Table of robust weights by distance, up to where they are zero."""
     reach, weights = LOSS.table(_DISTANCES)
     return {'reach': reach, 'weights': _packed(weights, '<f4')}
 
 
 def _weights(fit):
-    """Of x and of y, once where they are the same; in 1 / arcsec^2 where sigmas were given."""
+    """Weights of x and y, only once if equal; in 1 / arcsec^2 if sigmas were given."""
     both = fit.weights * (ARCSEC**2 if fit.given else 1.0)
     return [_packed(one, '<f4') for one in (both[:1] if np.array_equal(*both) else both)]
 
 
 def _scaled(values, size=4):
-    """A step, whole steps of it in so many bytes each, and how many; 0 of nothing but zeros."""
+    """Quantised values: step, integers of `size` bytes, and `size`; 0 if all values are zero."""
     most = float(np.abs(values).max(initial=0.0))
     if not most:
         return 0
@@ -110,11 +110,11 @@ def _packed(values, kind):
 
 
 def _turns(data):
-    """Angle of each row's x on the map, rad, and whether y is to the other side of it."""
+    """Angle of each row's x on the map, rad, and the handedness (1 or -1) of x and y."""
     sine, cosine = np.sin(data.az), np.cos(data.az)
     own = np.broadcast_to(np.eye(2)[:, :, None], (2, 2, len(data))) \
         if data.turned is None else np.asarray(data.turned)
-    # of x and y the parts toward azimuth and elevation, then right and down on the map
+    # components of x and y toward azimuth and elevation, then right and down on the map
     right, down = (np.array([row[0] * a + row[1] * b for row in own.transpose(1, 0, 2)])
                    for a, b in ((cosine, -sine), (sine, cosine)))
     flip = np.nanmedian(np.nan_to_num(right[0] * down[1] - down[0] * right[1], nan=1.0))
@@ -122,7 +122,7 @@ def _turns(data):
 
 
 def _excluding(command, file):
-    """The command that excludes rows for good, up to their numbers."""
+    """The command that excludes rows permanently, up to the row numbers."""
     line = command_line()
     words = line.split()
     if command not in words:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for a season: what its terms follow from night to night."""
+"""Words for a season: causes of changes in the terms from night to night."""
 
 from datetime import datetime, timezone
 
@@ -53,7 +53,7 @@ def _left_out(found):
 
 
 def cause_rows(findings, mount):
-    """Term, change, with what, likely cause, what to check: a row each, steps by size first.
+    """Table rows: term, change, driver, likely cause, check; steps first, by size.
 
     Parameters
     ----------
