@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What people see of a diagnosis on the terminal."""
+"""Terminal output for a diagnosis."""
 
 from rich.padding import Padding
 from rich.text import Text
@@ -24,12 +24,12 @@ from .error_ranking import MOST_ERRORS
 from .terminal_layout import height_of
 from .terminal_tables import decimals, new_table
 
-#: cautions that are listed; lines of the first layer, without first answer and page
+#: largest number of cautions; lines of the summary, without first answer and name of the page
 _MOST_CAUTIONS, _LINES = 4, 21
 
 
 def summary_lines(view):
-    """What the command says first: at most 24 lines of 80 columns, with the page that is named.
+    """Summary: at most 24 lines of 80 columns, including the line with the name of the page.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def summary_lines(view):
     Returns
     -------
     list
-        As of `diagnosis_tables`.
+        See `diagnosis_tables`.
     """
     summary = view.summary
     first = [summary.headline]
@@ -54,7 +54,7 @@ def summary_lines(view):
         effects.append([f'{i}. {one.name}: {one.size}', *(
             f'   {word}: {text}' for word, text in (
                 ('cause', one.named_causes(1 + (i == 1))), ('check', one.check)) if text)])
-    # of smaller effects what is said may be left out
+    # omit details of smaller effects if there is no room
     room = _LINES - sum(map(height_of, [*first, *filter(None, last)]))
     while effects and sum(height_of(text) for each in effects for text in each) > room and any(
             len(each) > 1 for each in effects):
@@ -66,7 +66,7 @@ def summary_lines(view):
 
 
 def diagnosis_tables(view):
-    """All that the command says: verdict, error before and after, effects, what was left out.
+    """The full output: verdict, error before and after, effects, excluded rows.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def diagnosis_tables(view):
     Returns
     -------
     list
-        What `rich.console.Console.print` takes: tables and lines of text.
+        Tables and lines of text for `rich.console.Console.print`.
     """
     document = view.document
     out = [view.used, *(f'  {sentence}' for sentence in view.sentences), '', _errors(view)]
@@ -88,7 +88,7 @@ def diagnosis_tables(view):
                '(corrected for degrees of freedom)\n')
     if view.effects:
         out.append(_effects(view))
-    # of the largest effect the verdict says it
+    # for the largest effect it is in the verdict
     no_star = [text for name, text in view.no_star.items()
                if name != document['effects'][0]['name']]
     return [*out, *view.left_out, *(f'note: {note}' for note in (*view.notes, *view.signs)),

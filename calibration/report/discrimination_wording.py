@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for causes that explain a run equally well, and for what would discriminate them."""
+"""Words for causes that explain a run equally well, and for observations to separate them."""
 
 from pointing_model.effects.base import readable
 

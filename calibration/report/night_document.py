@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the fit of a night publishes, for JSON, and labels of what its checks compare."""
+"""Report of the fit of a night, for JSON, with labels of the models compared in its checks."""
 
 from msg_tools.units import ARCSEC
 from pointing_model.pointing_terms import PHYSICAL
@@ -26,7 +26,7 @@ from .wording import wording
 from .zero_wording import zero_document
 
 FORMAT, VERSION = 'telescope_mount/calibration_report', 1
-#: the first coefficients, with correlations in the report: of all they grow with the square
+#: largest number of coefficients with correlations in the report: these grow with the square
 CORRELATED = 40
 
 RAW = 'raw'
@@ -35,7 +35,7 @@ BOTH = f'{TERMS}, then 13 harmonics'
 _EARLIER = 'model of the earlier night'
 _ZERO_SET, _PUBLISHED = 'zero set on ', 'published: '
 ZEROED = _ZERO_SET + BY_POLARIS
-#: what E is in paper 000's harmonics -> its label
+#: interpretation of E in paper 000's harmonics -> its label
 HARMONICS = {reading: f'13 harmonics, {text}' for reading, text in READ_AS.items()}
 _LABELS = {
     kinds.RAW: lambda of: RAW, kinds.REFERENCE: lambda of: _EARLIER,
@@ -46,21 +46,21 @@ _LABELS = {
 
 
 def fit_report(rows, fitted, zeros, changes, harmonic, notes):
-    """The fit itself.
+    """Report on the fit itself.
 
     Parameters
     ----------
     rows : PointingRun
-        That were fitted.
+        Rows that were fitted.
     fitted : FitResult
     zeros : Zeros
-        That were measured.
+        Measured zeros.
     changes : list of (int, int, MeasuredZero)
-        From which power-on to which.
+        Power-ons before and after, and the change of the zero.
     harmonic : bool
         Whether harmonics are published with it.
     notes : list of str
-        What people must know of it is added.
+        Notes for users are appended.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def _check_label(of, fitted, tried, by, renewed):
 
 
 def steps_of(report):
-    """The first step, the zero set, and the model that was published; None of what is not there.
+    """The first step, the zero set, and the published model; None where missing.
 
     Returns
     -------

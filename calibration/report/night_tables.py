@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the terminal says of a night: the calibration report."""
+"""Terminal output for a night: the calibration report."""
 
 from pointing_model.mount_kinds import kind_of
 from pointing_model.zero import BY_POLARIS
@@ -23,7 +23,7 @@ from .terminal_tables import harmonic_tables, new_table, rms_cells, terms_table
 
 
 def night_parts(report):
-    """What the terminal has of a calibration report.
+    """Terminal output for a calibration report.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def night_parts(report):
     Returns
     -------
     first, more, rest : list
-        As of `terminal_layout.layered`: texts and tables.
+        Texts and tables, see `terminal_layout.layered`.
     """
     names, first, more = kind_of(report), [], []
     chosen = [step for step in steps_of(report) if step]
@@ -66,7 +66,7 @@ def night_parts(report):
 
 
 def night_tables(report):
-    """All tables of a calibration report but that of the terms.
+    """All tables of a calibration report except that of the terms.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a page is about, and from what it was made: site, date, command, versions, files."""
+"""Subject and origin of a page: site, date, command, versions, files."""
 
 import shlex
 import sys
@@ -28,25 +28,25 @@ from pointing_model.runs.run import known_site
 
 from . import page_parts as page
 
-#: a file larger than this is not summed up, bytes
+#: largest file with a checksum, bytes
 _LARGEST = 500_000_000
 
 
 def command_line():
-    """The command that is running, as one would type it."""
+    """The running command as typed in a shell."""
     return shlex.join([PurePath(sys.argv[0]).name.replace('cli.py', 'telescope-mount'),
                        *sys.argv[1:]])
 
 
 def provenance_section(rows, files=()):
-    """Where the page comes from.
+    """Section on the origin of the page.
 
     Parameters
     ----------
     rows : sequence of (str, str)
-        What, and its value; empty ones are left out. The command and the version come first.
+        Label and value; empty ones are omitted. The command and the version come first.
     files : iterable of Path
-        Files, and folders of which every file counts; those that are not there are left out.
+        Files, or folders with all their files; missing ones are omitted.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def sum_of(path):
 
 
 def site_text(site):
-    """Where a mount stands, for people.
+    """Site of a mount in words.
 
     Parameters
     ----------
@@ -98,18 +98,18 @@ def site_text(site):
 
 
 def about(obs, sources):
-    """Name, date and site, as far as they are known.
+    """Name, date and site, as far as known.
 
     Parameters
     ----------
     obs : Observations
     sources : sequence of str
-        Names of the files: the first stands for a telescope whose file has no caption.
+        Names of the files; the first is used as name if the file has no caption.
 
     Returns
     -------
     str
-        '' where nothing is known.
+        '' if nothing is known.
     """
     caption = str(obs.run.meta.get('caption') or '').strip()
     name = caption or (PurePath(sources[0]).stem if sources else '')
@@ -117,7 +117,7 @@ def about(obs, sources):
 
 
 def axes_note(context):
-    """What the angles are where a telescope looks through the pole; '' where none does.
+    """Meaning of the axis angles for rows through the pole; '' if there are none.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def _site(meta):
 
 
 def site_degrees(meta):
-    """What `site_text` takes, by the ``meta`` of a run."""
+    """The argument of `site_text`, from the ``meta`` of a run."""
     given = known_site(meta)
     return {f'{name}_{unit}': given[name] / size for name, unit, size in (
         ('latitude', 'deg', DEG), ('longitude', 'deg', DEG), ('height', 'm', 1.0))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the stars were missed by: maps, target, order of time, against the axes, table of stars."""
+"""Residual figures: sky maps, target plot, in time, against the axes, histograms, star table."""
 
 import numpy as np
 
@@ -25,12 +25,12 @@ from .sky_map import SkyMap
 from .star_table import WHENS, stars_table
 from .target_plot import row_marks, targets
 
-#: arrows drawn on a map
+#: largest number of arrows on a map
 MAX_ARROWS = 400
 
 
 def controls(data):
-    """What is shown: a bar that stays in sight; none without rows.
+    """The control bar of the page; None without rows.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def controls(data):
 
 
 def _groups(data):
-    """Name and a sentence of each group."""
+    """Name and summary sentence of each group."""
     for value in np.unique(data.groups):
         rows, name = data.groups == value, group_name(value)
         caption = ', '.join(f'{arcsec(size)} {when}' for when in WHENS
@@ -59,9 +59,9 @@ def _groups(data):
 # ---------------------------------------------------------------------------------------- figures
 
 def sky_maps(data, beside=None):
-    """Residual vectors before and after on one scale; after once more, larger, if it is small.
+    """Maps of residual vectors before and after on one scale; after also magnified if small.
 
-    `beside` is a figure that stands next to two maps.
+    `beside` is a figure shown next to two maps.
     """
     used = data.used
     if not used.any():
@@ -114,7 +114,7 @@ def sky_maps(data, beside=None):
 
 
 def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
-    """Both components against something, one below the other."""
+    """Both components against `x`, one below the other."""
     used, values = data.used, data.of(when)
     span, parts = padded(np.asarray(x)[data.known], 0.02), []
     for axis, title in enumerate(data.axes):
@@ -131,7 +131,7 @@ def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
 
 
 def in_time(data):
-    """Errors in the order of time, before and after."""
+    """Residuals in time, before and after."""
     if not data.known.any():
         return None
     x, label = data.order
@@ -146,7 +146,7 @@ def in_time(data):
 
 
 def along_axes(data):
-    """What is left against the angle of each axis."""
+    """Residuals after against the angle of each axis."""
     if not data.known.any():
         return None
     places = data.places or (np.mod(data.az, 2.0 * np.pi), data.el)
@@ -156,7 +156,7 @@ def along_axes(data):
 
 
 def histograms(data):
-    """Residuals of each axis before and after: same bins, unless one is much the smaller."""
+    """Histograms of each axis before and after: same bins, unless after is much smaller."""
     if not data.used.any():
         return None
     out = []
@@ -173,13 +173,13 @@ def histograms(data):
 
 
 def histogram(before, after, limit):
-    """Counts of residuals before and after in the same bins; what is beyond is in the last ones.
+    """Counts of residuals before and after in the same bins; the end bins include all beyond.
 
     Parameters
     ----------
     before, after : ndarray, shape (n,)
     limit : float
-        Of the bins, on both sides.
+        Outer edge of the bins, on both sides.
 
     Returns
     -------
@@ -196,7 +196,7 @@ def histogram(before, after, limit):
 
 
 def _histogram(before, after, limit, title, whens):
-    """Of one axis, before and after or one of them."""
+    """Histogram of one axis, with before, after, or both."""
     edges, counts, sizes = histogram(before, after, limit)
     shown = [(when, counts[WHENS.index(when)], sizes[WHENS.index(when)]) for when in whens]
     panel = Panel((52, 26, 350, 190), (-limit, limit),
@@ -219,7 +219,7 @@ def _histogram(before, after, limit, title, whens):
 
 
 def residual_sections(data):
-    """All of them but the map, folded: a list of sections.
+    """All residual figures except the map, as a list of folded sections.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tables of the terminal that several answers have: terms, harmonics, a base model."""
+"""Terminal tables used by several commands: terms, harmonics, a base model."""
 
 from itertools import zip_longest
 
@@ -20,12 +20,12 @@ from ..analysis.harmonic_fit import READ_AS
 from .fit_wording import UNDETERMINED
 from .terminal_layout import TerminalTable
 
-#: terms that are listed in one column
+#: largest number of terms listed in one column
 _ONE_COLUMN = 8
 
 
 def new_table(title, *columns):
-    """An empty table, first column left, the others right; see `terminal_layout`."""
+    """An empty table, first column left-aligned, the others right; see `terminal_layout`."""
     out = TerminalTable(title=title)
     for i, name in enumerate(columns):
         out.add_column(name, justify='left' if i == 0 else 'right')
@@ -33,7 +33,7 @@ def new_table(title, *columns):
 
 
 def decimals(value, digits=2):
-    """A number for a table; what is not known is a dash."""
+    """A number for a table; a dash if unknown."""
     return '-' if value is None else f'{value:.{digits}f}'
 
 
@@ -43,7 +43,7 @@ def terms_table(terms):
     Parameters
     ----------
     terms : list of dict
-        With ``name``, ``value_arcsec``, ``sigma_arcsec``; of few rows ``within95_arcsec``.
+        With ``name``, ``value_arcsec``, ``sigma_arcsec``, and ``within95_arcsec`` if rows are few.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def terms_table(terms):
 
 
 def harmonic_tables(section):
-    """Coefficients of the harmonics, and what cross-validation says of every choice.
+    """Tables of the harmonic coefficients, and of the cross-validated RMS of all choices.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def rms_cells(values):
 
 
 def base_table(base, model):
-    """The terms of a `base_model.BaseModel` as its file has them and as they were fitted."""
+    """Table of the terms of a `base_model.BaseModel`, from its file and as fitted here."""
     out = new_table(f'Terms of {base.path.name} and of this run, arcsec', 'term', 'there',
                     'here', 'sigma', 'here - there', 'in sigma')
     for row in base.compared(model)['terms']:

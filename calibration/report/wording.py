@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sentence of each `Finding`: one for a kind, in the module of what it is about."""
+"""The sentence of each `Finding`, by its kind; the words are in the modules of each subject."""
 
 from calibration.analysis.finding import Finding
 
@@ -42,12 +42,12 @@ KINDS = {
 
 
 def wording(found):
-    """The sentence of a Finding; a note of who read the file is one already."""
+    """The sentence of a Finding; notes of the file reader are sentences already."""
     return found if isinstance(found, str) else KINDS[found.kind](found)
 
 
 def worded(document):
-    """A document for JSON, with sentences in the place of findings."""
+    """A document for JSON, with findings replaced by sentences."""
     if isinstance(document, Finding):
         return wording(document)
     if isinstance(document, dict):
@@ -57,5 +57,5 @@ def worded(document):
 
 
 def paragraph(findings):
-    """Their sentences, one after the other."""
+    """The sentences of several findings, joined."""
     return ' '.join(map(wording, findings))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The zero of each power-on, by the sky and by the encoders, and with the temperature."""
+"""The zero of each power-on, from the sky and from the encoders, and against temperature."""
 
 from datetime import datetime, timezone
 
@@ -25,29 +25,29 @@ from .drawing import Panel, padded, svg
 from .number_wording import number
 
 AXES = ('az', 'el')
-#: power-ons from which on the zero is drawn against the temperature, and degrees that it changes by
+#: zero against temperature: fewest power-ons, and smallest range of temperature, degC
 _FEWEST, _LEAST_SPREAD = 4, 0.2
 
 
 def zeros_of(report, run=None, marks=()):
-    """The zero of each power-on by the sky and by the encoders.
+    """The zero of each power-on, from the sky and from the encoders.
 
     Parameters
     ----------
     report : dict
-        Of `CalibrationState.fit`: ``zeros`` (by exposures for it alone), ``zeros_in_force``
-        (all rows together).
+        Report of `CalibrationState.fit`: ``zeros`` (from dedicated exposures),
+        ``zeros_in_force`` (from all rows).
     run : PointingRun, optional
-        All rows: the absolute encoder beside the incremental one, and the air.
+        All rows, for the difference of the two encoders and the air temperature.
     marks : list of dict
-        ``marks`` of `log_health.log_health`: temperature and supply of the encoder.
+        ``marks`` of `log_health.log_health`: temperature and supply voltage of the encoder.
 
     Returns
     -------
     list of dict
         ``run``, ``begin`` (UTC s), ``rows``, ``exposures``, ``rejected``; by axis ``measured``,
         ``sigma``, ``in_force``, ``apart`` (incremental - absolute) in arcsec; ``air`` and
-        ``encoder`` in degC, ``supply`` in V. None: not known.
+        ``encoder`` in degC, ``supply`` in V. None: unknown.
     """
     measured = {zero['run']: zero for zero in report.get('zeros') or ()}
     active = {zero['run']: zero for zero in report.get('zeros_in_force') or ()}
@@ -89,16 +89,16 @@ def _encoder_difference(run, axis, rows):
 
 
 def zeros_section(report, rows, axes=('azimuth', 'elevation')):
-    """The zeros as table and drawing, with the cross-check of the encoders.
+    """Section on the zeros: table and figures, with the cross-check of the encoders.
 
     Parameters
     ----------
     report : dict
-        As of `zeros_of`, with ``witnesses`` and ``changes``.
+        See `zeros_of`; also ``witnesses`` and ``changes``.
     rows : list of dict
-        Of `zeros_of`.
+        Result of `zeros_of`.
     axes : tuple of str
-        What those of the mount are called.
+        Names of the axes of the mount.
     """
     cross_check = report.get('witnesses') or {}
     alarms = [f'Alarm: {text}' for text in cross_check.get('alarms', ())]
@@ -147,7 +147,7 @@ def _table(rows, axes):
 
 
 def _against(rows, i, values, label, axes):
-    """The zeros of one axis against something."""
+    """The zeros of one axis against some values."""
     axis, x = AXES[i], np.asarray(values, float)
     series = []
     for key, style in (('measured', 'before'), ('in_force', 'after'),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the zeros of a season follow, for people: table, lines, CSV and plot."""
+"""Report on causes of the zeros of a season: table, lines, CSV."""
 
 from msg_tools.whole_files import beside
 from pointing_model.runs.columns.cells import write_rows
@@ -23,28 +23,29 @@ from .terminal_tables import decimals, new_table
 from .wording import worded
 from .zero_wording import COVARIATES
 
-#: columns of the CSV of the power-ons, of each axis but the first two
+#: entry of a power-on -> its column in the CSV, for each axis
 _COLUMNS = {'zero_arcsec': 'zero_{}_arcsec', 'sigma_arcsec': 'sigma_{}_arcsec',
             'temperature': 'temperature_{}_c', 'supply': 'supply_{}_v', 'hours': 'since_{}_h',
             'side': 'side_{}'}
 
 
 def zero_season(power_ons, expected=None):
-    """What the zeros before tonight's follow, and tonight's beside it.
+    """Causes of the zeros before tonight, and the zero of tonight, predicted and measured.
 
     Parameters
     ----------
     power_ons : list of dict
-        Of a report of `night_series.NightSeries.fit`; the last is tonight's.
+        From a report of `night_series.NightSeries.fit`; the last is tonight's.
     expected : dict, optional
-        ``zero_expected`` of that report: of tonight, before Polaris was seen.
+        ``zero_expected`` of that report: prediction for tonight, before Polaris was measured.
 
     Returns
     -------
     dict
-        ``power_ons``; ``causes``, `zero_causes.zero_causes` of all but the last with each night
-        left out in turn; ``tonight``: of each axis ``expected_arcsec``, ``sigma_arcsec``,
-        ``measured_arcsec``, ``measured_sigma_arcsec`` and what it is ``by``, or None.
+        ``power_ons``; ``causes``, `zero_causes.zero_causes` of all but the last, cross-validated
+        by nights; ``tonight``, or None: for each axis ``expected_arcsec``, ``sigma_arcsec``,
+        ``measured_arcsec``, ``measured_sigma_arcsec``, the covariates ``by`` which it is predicted
+        and the ``missing`` ones.
     """
     season = season_from_rows(power_ons[:-1])
     tonight = None
@@ -111,7 +112,7 @@ def _value(value, sigma, digits=1, unit=''):
 
 
 def season_lines(document):
-    """What the table has no room for, a list of str."""
+    """Lines in addition to the table, a list of str."""
     found = document['causes']
     lines = [found['text'], *found['odd']]
     if found['drivers']:  # else the text has them
