@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pages for people: one HTML file each that opens from disk, offline, and prints."""
+"""HTML pages for users, one self-contained file each, and terminal output."""

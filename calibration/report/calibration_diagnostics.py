@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the calibration has on ``/diagnostics``: its state, and what is wrong."""
+"""Values of the calibration on ``/diagnostics``: its state and problems."""
 
 from calibration.analysis.tracking.innovations import HONEST
 
@@ -22,15 +22,15 @@ from .wording import wording
 
 
 def state_rows(state, taken_up, finding):
-    """What a calibration has on ``/diagnostics``, names and values.
+    """Values of a calibration on ``/diagnostics``, pairs of name and value.
 
     Parameters
     ----------
     state : CalibrationState or NightSeries
     taken_up : list of str
-        What it had when it was started anew.
+        Data restored at a restart.
     finding : str
-        Of the last diagnosis.
+        Result of the last diagnosis.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def state_rows(state, taken_up, finding):
 
 
 def _tracking_rows(night):
-    """Of a `TrackedNight` or None."""
+    """Values of a `TrackedNight` or None."""
     if night is None:
         return [('tracking', 'not begun')]
     document = night.document()
@@ -61,14 +61,14 @@ def _tracking_rows(night):
 
 
 def problem_sentences(state, marks_unknown, refused):
-    """Where the encoders and the sky of the last night disagree, or cannot be compared.
+    """Problems: encoders and sky of the last night disagree, or cannot be compared.
 
     Parameters
     ----------
     state : CalibrationState or NightSeries
     marks_unknown : bool
     refused : str
-        Effects of the diagnosis that are not in the model.
+        Sentences on effects of the diagnosis that are not in the model.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def problem_sentences(state, marks_unknown, refused):
 
 
 def tracking_problems(night):
-    """What is wrong with what the filter of a `TrackedNight` (or None) predicts, sentences."""
+    """Sentences on inconsistent predictions of the filter of a `TrackedNight` (or None)."""
     if night is None:
         return ['tracking begins with a model: fit, or give model_file']
     document = night.document()

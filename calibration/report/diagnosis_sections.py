@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Sections of the diagnosis page that are tables."""
+"""Tables of the diagnosis page."""
 
 from pathlib import PurePath
 
@@ -34,7 +34,7 @@ _MEASURES = (('holdout_rms_arcsec', 'held-out runs'), ('cv_rms_arcsec', 'cross-v
 # ------------------------------------------------------------------------------ before and after
 
 def gain_bars(view):
-    """Bars of the error before and after, each measure, with the noise floor."""
+    """Bars of the error before and after, for each measure, with the noise floor."""
     document = view.document
     before, after = document['before'], document['after']
     words = dict(zip(('rms_x_arcsec', 'rms_y_arcsec'), view.residuals.axes))
@@ -53,7 +53,7 @@ def gain_bars(view):
 
 
 def evidence(view):
-    """What speaks for each effect, in numbers; and figures of the whole."""
+    """Table of the evidence for each effect, and overall figures."""
     rows = [(one.title, page.Size(row['removes_rms_arcsec']), _gain(row.get('cv_gain_arcsec')),
              page.Number(row.get('delta_bic'), 1), probability(row.get('p_family')),
              _found_in(view.document, row))
@@ -86,7 +86,7 @@ def _found_in(document, row):
 
 
 def held_out(document, axes):
-    """Runs held out, each for itself."""
+    """Table of the held-out runs."""
     nights = document.get('held_out') or []
     keys = [f'rms_{key}arcsec' for key in ('x_', 'y_', '')]
     rows = [[f'{night["run"]}: bad' if night['bad'] else night['run'], str(night['rows']),
@@ -109,10 +109,10 @@ def ranking(rows, limit=6):
     Parameters
     ----------
     rows : list of dict
-        ``name, delta_bic, in_set, driver, axes``, and ``or_noise``: correlated noise explains as
-        much.
+        ``name, delta_bic, in_set, driver, axes``, and ``or_noise``: whether correlated noise
+        explains as much.
     limit : int
-        Rows shown; the JSON result has all.
+        Number of rows shown; the JSON result has all.
     """
     if not rows:
         return None
@@ -146,7 +146,7 @@ def _candidates(rows):
 # ------------------------------------------------------------------------------------- the rows
 
 def outliers(document, limit=8):
-    """Outliers, the farthest first; nothing where a sentence has all of them."""
+    """Table of outliers, largest first; None if a sentence lists all of them."""
     rows = sorted(document.get('outliers') or (),
                   key=lambda row: -np.hypot(row['x_arcsec'], row['y_arcsec']))
     word = document.get('rows_are') or 'row'
@@ -159,7 +159,7 @@ def outliers(document, limit=8):
 
 
 def exclusions(excluded, word='row', limit=12):
-    """What was left out, by reason, with the rows."""
+    """Table of excluded rows by reason."""
     reasons = {}
     for one in excluded:
         reasons.setdefault(str(one.get('reason')), []).append(one)
@@ -176,11 +176,11 @@ def exclusions(excluded, word='row', limit=12):
 
 _SAME_CURVE = 'same as terms of the base here'
 _UNKNOWN = ' is not known'
-_REASONS = 8  # why effects cannot be tested, at most
+_REASONS = 8  # largest number of reasons why effects cannot be tested
 
 
 def untestable(rows, limit=2):
-    """What the run cannot show, and why, by reason; of many effects some are named."""
+    """Tables of untestable effects by reason; if many, only some are named."""
     reasons = {}
     for name, reason in rows:
         reasons.setdefault(reason or _SAME_CURVE, []).append(readable(name))

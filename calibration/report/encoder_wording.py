@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for the cross-check of the encoders: what moved, by how much, and how sure that is."""
+"""Words for the cross-check of the encoders: what moved, how far, and how sure that is."""
 
 from datetime import datetime, timezone
 
@@ -97,7 +97,7 @@ def _encoder_moved(found):
 
 
 def _beside_slow(event):
-    """How it stands beside what goes slowly: its chance is that of noise alone, and no more."""
+    """Likelihood ratio of an event to a slow change: its p-value is for noise alone."""
     slow = 'a disc that turns or shifts' if event.kind == 'drift' else 'a slow change'
     if event.lead >= 2.0 * np.log(_VERY):
         return f'likelihood ratio to {slow} above {_VERY:.0f}'
@@ -118,7 +118,7 @@ def _counts_drift(found):
 
 
 def count_drift_line(axis):
-    """Why a zero follows, for the notes of a diagnosis; `axis` in words."""
+    """Why a zero is corrected by the absolute encoder, for a diagnosis; `axis` in words."""
     return (f'the counts of the {axis} encoder drift against the absolute encoder: '
             f'{_DRIFT_CAUSES}. The zero of this axis is corrected by the absolute encoder')
 
@@ -144,7 +144,7 @@ def _not_compared(found):
     return f'{before} and {after} were not compared against the sky: {found["why"]}'
 
 
-#: from where the ratio need not be given
+#: largest likelihood ratio that is given as a number
 _VERY = 1000.0
 _SLOW = {'disc turns': 'a disc that turns on its hub through the night',
          'disc shifts': 'a disc that moves off its axis little by little',
@@ -179,8 +179,8 @@ def cross_check_texts(findings, names):
     Parameters
     ----------
     findings : list of Finding
-        Of a `CrossCheckReport`.
+        Findings of a `CrossCheckReport`.
     names : AxisNames
-        Of the mount.
+        Axis names of the mount.
     """
     return [names.translate(KINDS[found.kind](found)) for found in findings]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The largest errors of a mount, ranked: on each page in the same columns."""
+"""The largest errors of a mount, ranked, in the same columns on each page."""
 
 from dataclasses import dataclass, field
 
@@ -24,9 +24,8 @@ from pointing_model.pointing_terms import stacked_design, term_cause, terms_of
 from . import page_parts as page
 from .number_wording import value_and_error
 
-#: errors in sight; a term below so many standard errors is none
+#: number of errors not folded away; smallest significance of a listed term, standard errors
 MOST_ERRORS, _CLEAR = 3, 3.0
-#: causes that are named
 
 
 @dataclass
@@ -39,11 +38,11 @@ class ErrorLine:
     reach_arcsec, removes_arcsec : float or None
         Peak to peak, and RMS removed, on the sky.
     causes : list of str
-        The quickest to check first.
+        Quickest to check first.
     check : str
-        What to look at.
+        What to check.
     stability : str
-        In how many resamples it was found; '' where that is not known.
+        In how many resamples it was found; '' if unknown.
     """
 
     name: str
@@ -60,13 +59,13 @@ class ErrorLine:
             (self.reach_arcsec, 'peak to peak'), (self.removes_arcsec, 'RMS')) if value)
 
     def named_causes(self, most):
-        """So many causes; the others counted."""
+        """At most `most` causes in words; the others are counted."""
         named, more = self.causes[:most], len(self.causes) - most
         return '; '.join(named) + (f'; or {more} more' if more > 0 else '')
 
 
 def error_table(lines, first=0):
-    """The ranked table of some `ErrorLine`, from the one that is to come first."""
+    """The ranked table of `ErrorLine`s, starting at index `first`."""
     rows = list(enumerate(lines, 1))[first:]
     sizes = [(head, name) for head, name in (
         ('peak to peak', 'reach_arcsec'), ('RMS removed', 'removes_arcsec'))
@@ -80,7 +79,7 @@ def error_table(lines, first=0):
 
 
 def errors_section(lines, more=None, title='Largest errors', note=''):
-    """The section of the largest errors: the first ones, the others folded, what comes after."""
+    """The section of the largest errors: the first ones, the others folded, then `more`."""
     return page.Section(title, [
         error_table(lines[:MOST_ERRORS]),
         page.Folded(f'And {len(lines) - MOST_ERRORS} smaller', error_table(lines, MOST_ERRORS)),
@@ -88,12 +87,12 @@ def errors_section(lines, more=None, title='Largest errors', note=''):
 
 
 def term_lines(terms, run):
-    """The terms of a fit as errors on the sky of a run, the largest first.
+    """The terms of a fit as errors on the sky of a run, largest first.
 
     Parameters
     ----------
     terms : list of dict
-        ``name``, ``value_arcsec``, ``sigma_arcsec``; those below 3 sigma are left out.
+        ``name``, ``value_arcsec``, ``sigma_arcsec``; terms below 3 sigma are omitted.
     run : PointingRun
 
     Returns

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for figures of error: before and after, on which rows, and how far they can be trusted."""
+"""Words for error figures: before and after, on which rows, and how reliable they are."""
 
 from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import USUAL, kind_of
 
 from .cause_wording import counted, plain_name
 
-_MOST_OTHERS = 3  # effects chosen instead that are named
-#: the model stays as it was
+_MOST_OTHERS = 3  # largest number of other selected effects that are named
+#: verdicts that leave the model unchanged
 STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
-#: on what a figure is judged
+#: rows that an RMS refers to
 HELD, LEFT_OUT, FITTED = 'on held-out runs', 'cross-validated', 'on the fitted rows'
 STRETCHES = 'cross-validated in blocks of time'
 
@@ -34,7 +34,7 @@ def model_words(document, whose=True):
     ----------
     document : dict
     whose : bool
-        With the mount that they are of.
+        Whether to add the kind of mount.
     """
     terms = list(document.get('base_terms') or ())
     kind = kind_of(document)
@@ -50,7 +50,7 @@ def model_words(document, whose=True):
 
 
 def beyond(document, whose=True):
-    """Beyond which terms, after a space; '' where there are none."""
+    """Clause "beyond the ... terms", with a leading space; '' if there are no terms."""
     return f' beyond {model_words(document, whose)}' * bool(document.get('base_terms'))
 
 
@@ -65,7 +65,7 @@ def way(document):
     Returns
     -------
     str
-        '' where the raw error is not known.
+        '' if the raw error is unknown.
     """
     read = document.get('as_read_rms_arcsec')
     if read is None or document['verdict'] == 'refused':
@@ -82,16 +82,16 @@ def way(document):
 
 
 def best_pair(document, held=True):
-    """The most honest pair of errors there is: held out, else cross-validated, else fitted.
+    """The most reliable pair of errors: held-out runs, else cross-validated, else fitted.
 
-    Of rows left out at random the neighbours in time stay in the fit. Of blocks of time none do, as
-    of the stars of the next hour.
+    Folds contiguous in time are preferred to random ones: with random folds the neighbours in time
+    of a held-out row stay in the fit, unlike those of a star observed in the next hour.
 
     Parameters
     ----------
     document : dict
     held : bool
-        Whether runs held out count.
+        Whether held-out runs may be used.
 
     Returns
     -------
@@ -118,12 +118,12 @@ def way_size(value):
 
 
 def repeat_sentence(document):
-    """In how many of the choices repeated all of the effects were found and no other.
+    """In how many cross-validation folds exactly these effects were selected.
 
     Returns
     -------
     str
-        '' where it is not known.
+        '' if unknown.
     """
     spread = document['after'].get('cv_spread') or {}
     folds, count = spread.get('folds'), len(document['effects'])
@@ -143,7 +143,7 @@ def repeat_sentence(document):
 
 
 def _in_runs(document, spread):
-    """In how many runs, each alone, the largest effect is seen, by any of its causes."""
+    """In how many runs, each taken alone, the largest effect (by any of its causes) is found."""
     largest = max(document['effects'], key=lambda row: row.get('removes_rms_arcsec') or 0.0)
     count = (spread.get('runs_set') or {}).get(largest['name'])
     if count is None:
@@ -153,7 +153,7 @@ def _in_runs(document, spread):
 
 
 def choice_sentence(document):
-    """How often the same effects were chosen where rows were left out; '' where it is not known.
+    """How often each effect was selected in the cross-validation folds; '' if unknown.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def choice_sentence(document):
     if not folds or document['verdict'] in STAYS or not document['effects']:
         return ''
     kind = document.get('mount') or USUAL
-    # what repeats is an effect by any of its causes: which one a part of the rows prefers is chance
+    # count an effect by any of its causes: which of them a fold prefers is chance
     same, others = spread.get('chosen', {}), spread.get('others_set', spread.get('others', {}))
     own = [f'{count} {plain_name(name, kind)}'
            + (f' ({count - same[name]} by an equal cause)' if same.get(name, count) < count else '')
@@ -237,7 +237,7 @@ def figures_sentence(document):
 
 
 def floor_words(document):
-    """What the noise floor is called: it holds what wanders too."""
+    """Label of the noise floor, which may include drift."""
     correlation = document.get('wander')
     return 'fit residuals, noise and drift' if correlation and correlation.get('slow') \
         else 'noise floor'

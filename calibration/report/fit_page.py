@@ -45,7 +45,7 @@ def render_fit(found, document):
     ----------
     found : calibration.analysis.run_fit.RunFit
     document : dict
-        Of `documents.fit_document`.
+        Result of `documents.fit_document`.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def render_fit(found, document):
 
 
 def _patterns(findings):
-    """Those that say where to look first."""
+    """Findings that show where to look first."""
     return [one for one in findings if getattr(one, 'kind', '') in OF_A_FIT]
 
 
@@ -123,7 +123,7 @@ def _residuals(found):
 
 
 def _preview(found, data, source):
-    """What a refit without excluded rows needs; not of a model with harmonics or a prediction."""
+    """Data for a refit without excluded rows; None with harmonics or a predictive model."""
     linear = found.terms.linear
     if linear is None or found.plain is not found.terms.model:
         return None
@@ -132,7 +132,7 @@ def _preview(found, data, source):
 
 
 def _alignment(found):
-    """What to turn, of an equatorial mount."""
+    """Section on polar alignment of an equatorial mount."""
     return None if not found else page.Section(
         'The way back to the bolts', page.SentenceList(alignment_lines(found)),
         'From the exact azimuth and altitude of the axis, for a level base; after a turn '
@@ -140,7 +140,7 @@ def _alignment(found):
 
 
 def _compared(document, names):
-    """Other models that were asked for, on rows that they did not see."""
+    """Table comparing the requested models, fitted and cross-validated."""
     rows = [('raw', 'fit residuals', *_rms(document['before'])),
             ('the terms', 'fit residuals', *_rms(document['after']))]
     if document['after'].get('cv_rms_arcsec') is not None:

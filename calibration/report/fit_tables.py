@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the terminal says of a fit to a measured run."""
+"""Terminal output for a fit to a measured run."""
 
 from pointing_model.effects.base import readable
 from pointing_model.runs.columns.row_checks import WHOLE
@@ -32,27 +32,27 @@ from .terminal_tables import (
 )
 from .wording import wording
 
-#: parts of a prediction that are listed
+#: largest number of parts of a prediction that are listed
 _PARTS = 8
 
 
 def fit_tables(found, document, verbose=True, files=0):
-    """What the command says of a fit to a measured run.
+    """Terminal output for a fit to a measured run.
 
     Parameters
     ----------
     found : calibration.analysis.run_fit.RunFit
     document : dict
-        Of `documents.fit_document`.
+        Result of `documents.fit_document`.
     verbose : bool
-        With all notes, and not only those for which 24 lines of 80 columns have room.
+        Whether to show all notes, or only those that fit in 24 lines of 80 columns.
     files : int
-        Lines that are printed after it.
+        Number of lines printed afterwards.
 
     Returns
     -------
     list
-        What `rich.console.Console.print` takes: tables and lines of text.
+        Tables and lines of text for `rich.console.Console.print`.
     """
     run, result = found.run, found.terms
     steps = new_table('', 'RMS on the sky, arcsec', *run.mount.names.columns, 'radial')
@@ -91,7 +91,7 @@ def fit_tables(found, document, verbose=True, files=0):
         tables += [*harmonic_tables(found.harmonics),
                    *(f'note: {note}' for note in document['harmonics']['notes'])]
     shown = steps
-    if found.predicted:  # what is saved is the prediction: its errors come first
+    if found.predicted:  # the predictive model is saved, so its errors come first
         shown, *parts = predicting_tables(found.predicted, run.mount)
         urgent += [part for part in parts if isinstance(part, str)]
         tables += [*(part for part in parts if not isinstance(part, str)), steps]
@@ -103,7 +103,7 @@ def fit_tables(found, document, verbose=True, files=0):
 
 
 def predicting_tables(found, mount):
-    """The tables of a model chosen to predict.
+    """The tables of a predictive model.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def predicting_tables(found, mount):
     Returns
     -------
     list
-        As `fit_tables`; the first is the table of errors.
+        See `fit_tables`; the first is the table of errors.
     """
     chosen = new_table(f'Parts of the prediction, arcsec, beside {len(found.model.terms)} terms',
                        'part', 'coefficients', 'RMS on these stars')

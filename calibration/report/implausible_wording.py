@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for a term of a sign or a size that no mount has: in full, and as a caution."""
+"""Words for a term with an implausible sign or size: in full, and as a caution."""
 
-#: BIC, from where the rows prefer one to the other
+#: BIC difference from which the data prefer one to the other
 _CLEAR = 6.0
 _DESK = ('Check first, at the desk: have star places and readings both the refraction, once, or '
          'both not')
 _OTHERS = 'a mirror that tilts in its cell, {}or mount and catalogue exchanged in the file'
-#: of an alt-azimuth mount: its cosine is the same curve
+#: for an alt-azimuth mount: its cosine is the curve of TF
 _DISC = 'an elevation encoder whose disc is off centre, '
 
 
@@ -53,7 +53,7 @@ def implausible_caution(row):
 
 
 def _with_others(row, figure):
-    """Of a bending of the tube that is negative with the cause that fits best, not with others."""
+    """For a tube flexure that is negative with the best cause, but not with others."""
     values = '; '.join(f'{_signed(one["value_arcsec"])} ± {one["sigma_arcsec"]:.1f}″ with '
                        f'{one["cause"]}' for one in row['sound_with'])
     return (f'{row["name"]}, tube flexure, is negative with the cause that fits best ({figure}). '
@@ -62,7 +62,7 @@ def _with_others(row, figure):
 
 
 def _of_air(fitted, altaz):
-    """What a refraction that is wrong would do in place of a negative TF, and what else does it."""
+    """Whether a refraction error explains a negative TF, and other reasons for it."""
     others = _OTHERS.format(_DISC * altaz)
     if fitted is None:
         return ('Usual reason: the refraction is in the star places twice or too much (TX or TX3 '

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for proposed observations: where, for which causes of an effect, what they would bring."""
+"""Words for proposed observations: position, causes they separate, expected gain."""
 
 from itertools import groupby
 
@@ -24,27 +24,27 @@ from pointing_model.mount_kinds import KINDS, USUAL
 
 from .cause_wording import open_causes, plain_name, short_cause, still_open
 
-_MOST_PLACES = 6  # that are proposed on the terminal
-#: why hours are told with a place
+_MOST_PLACES = 6  # largest number of proposals on the terminal
+#: why a proposal has a time
 _WHY_LATER = ' (something in one of the explanations changes with time)'
-_LEVEL = np.sin(np.radians(0.5))  # of a counterweight that is called up
+_LEVEL = np.sin(np.radians(0.5))  # smallest height of a raised counterweight
 
 
 def causes_of(document):
-    """Name of an effect -> the cause that it stands for, in words, dict."""
+    """Name of an effect -> its cause in words, dict."""
     return {name: one['cause'] for row in document['effects']
             for one in (*still_open(row), *(row.get('causes') or ())) for name in one['effects']}
 
 
 def proposals(document):
-    """Proposed observations that tell causes apart which people are told as two."""
+    """Proposed observations that separate causes with different wording."""
     words = causes_of(document)
     return [item for item in document.get('next_observations') or []
             if len({words.get(name, name) for name in item['separates']}) > 1]
 
 
 def serves_sentence(document):
-    """Whom the proposals do not serve, where that is the largest effect; '' elsewhere."""
+    """Sentence if the proposals do not concern the largest effect; else ''."""
     rows = [row for row in document['effects'] if row.get('causes')]
     serves = {item['separates'][0] for item in proposals(document)}
     largest = max(rows, key=lambda row: row.get('removes_rms_arcsec') or 0.0, default=None)
@@ -60,7 +60,7 @@ def serves_sentence(document):
 
 
 def no_star_sentences(document):
-    """Name of each effect of which no observation tells the causes apart -> a sentence, dict."""
+    """Name of each effect whose causes no observation separates -> a sentence, dict."""
     words = causes_of(document)
     short = {name: short_cause(cause) for name, cause in words.items()}
     return {one: _no_star(*((short.get(one, one), _either(others, short))
@@ -74,24 +74,24 @@ def _no_star(one, others):
 
 
 def _either(names, words):
-    """Causes, each once: a; b or c."""
+    """Causes without duplicates: a; b or c."""
     causes = list(dict.fromkeys(words.get(name, name) for name in names))
     return ' or '.join(filter(None, ['; '.join(causes[:-1]), causes[-1]]))
 
 
 def next_sentence(document, row):
-    """Which observation would tell the causes of an effect apart, or that none would.
+    """Which observation would separate the causes of an effect, or that none would.
 
     Parameters
     ----------
     document : dict
     row : dict
-        Of its effects.
+        An effect of the document.
 
     Returns
     -------
     str
-        '' where it has one cause.
+        '' if it has one cause.
     """
     if open_causes(row) < 2:
         return ''
@@ -110,14 +110,14 @@ def next_sentence(document, row):
     for one, *others in document.get('no_star') or []:
         if one == row['name']:
             rest = {words.get(name) for name in others} >= set(words.values()) - {words[one]}
-            # each was tried against the best, not against each other
+            # the causes were compared with the best only, not with each other
             last = ('the other' + 's' * (open_causes(row) > 2)) if rest else _either(others, words)
             return _no_star(words[one], last)
     return ''
 
 
 def proposal_lines(document):
-    """A line for each pair of causes: the places that tell them apart, one after the other."""
+    """A text for each pair of causes: the observations that separate them, in order."""
     causes, kind = causes_of(document), document.get('mount') or USUAL
     for separates, group in groupby(proposals(document)[:_MOST_PLACES],
                                     key=lambda item: item['separates']):
@@ -128,21 +128,21 @@ def proposal_lines(document):
 
 
 def proposal_groups(rows, kind=USUAL, causes=()):
-    """Proposed observations by the pair of causes that they tell apart.
+    """Proposed observations grouped by the pair of causes that they separate.
 
     Parameters
     ----------
     rows : list of dict
-        As of `proposals`.
+        Result of `proposals`.
     kind : str
-        Of `pointing_model.mounts.KINDS`.
+        Key of `pointing_model.mounts.KINDS`.
     causes : dict, optional
-        Of `causes_of`.
+        Result of `causes_of`.
 
     Returns
     -------
     list of (list of str, list of dict, str)
-        The pair, its rows with ``number`` and ``counterweight_up``, and what they would bring.
+        The pair, its rows with ``number`` and ``counterweight_up``, and the expected gain.
     """
     groups, causes = {}, dict(causes)
     for i, row in enumerate(rows, 1):
@@ -164,7 +164,7 @@ def _group_note(group):
 
 
 def _enough(items):
-    """What some observations for one pair would bring, and whether that is enough."""
+    """Expected gain of the observations for one pair, and whether that is enough."""
     before, after = items[0]['separation_before'], items[-1]['separation_after']
     text = f'ΔBIC between them is {before:.1f}, expected {after:.1f} with ' + (
         'it' if len(items) == 1 else f'{len(items)} such observations')
@@ -187,9 +187,9 @@ def place_words(item, kind=USUAL):
     Parameters
     ----------
     item : dict
-        As of `calibration.analysis.diagnosis.next_observations.propose`.
+        See `calibration.analysis.diagnosis.next_observations.propose`.
     kind : str
-        Of `pointing_model.mounts.KINDS`.
+        Key of `pointing_model.mounts.KINDS`.
 
     Returns
     -------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Words for rows: how many were used, which were left out, and why."""
+"""Words for rows: how many were used, which were excluded, and why."""
 
 from pathlib import PurePath
 
@@ -23,19 +23,19 @@ from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import kind_of
 from pointing_model.runs.columns.run_table import AS_NAMED
 
-_NAMED = 5  # outliers in a sentence, at most
-_REASONS = 12  # lines of rows left out, at most
-_FOOT = 1.01  # times as far off, from where a row is said to be worse
-#: chance that the worst of all rows of noise alone is farther off: below that it is none to look at
+_NAMED = 5  # largest number of outliers in a sentence
+_REASONS = 12  # largest number of lines on excluded rows
+_FOOT = 1.01  # smallest residual ratio at which a row counts as worse
+#: p-value of the worst row under noise alone, above which it is not reported
 _BY_CHANCE = 0.05
-#: rows of one star that are listed
+#: largest number of rows of one star that are listed
 _VISITS = 4
-#: times the noise between visits, from where what terms leave is more than noise
+#: ratio of fit residuals to the noise between visits, above which they are more than noise
 _MORE = 1.3
 
 
 def used_sentence(counts):
-    """First line of what people read.
+    """The first line of the output: number of rows used.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def used_sentence(counts):
 
 
 def expected_sentence(document):
-    """The error to be expected of the model, from a document with ``expected``; None if unknown."""
+    """The expected error of the model, from a document with ``expected``; None if unknown."""
     expected = document.get('expected')
     if not expected:
         return None
@@ -63,7 +63,7 @@ def expected_sentence(document):
 
 
 def outlier_sentence(document):
-    """Which rows are outliers, and what they do to the RMS; empty where there is none.
+    """Which rows are outliers, and the RMS with them; '' if there are none.
 
     Parameters
     ----------
@@ -91,21 +91,21 @@ def outlier_sentence(document):
 
 
 def far_text(arcsec):
-    """An amount of error in words."""
+    """Size of an error in arcsec, or in deg from 1 deg on."""
     return f'{arcsec:.0f} arcsec' if arcsec < 3600.0 else f'{arcsec / 3600.0:.2f} deg'
 
 
 def left_out_lines(excluded, several=False, word='row'):
-    """Which rows are left out and why: a line for each reason.
+    """Excluded rows and reasons: a line for each reason.
 
     Parameters
     ----------
     excluded : list of dict
         ``row`` (the line in the file), ``reason``, ``source``.
     several : bool
-        Whether there are several files: the line says which.
+        Whether there are several files, so that the lines name them.
     word : str
-        As of `RowCounts`.
+        See `RowCounts`.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def left_out_lines(excluded, several=False, word='row'):
 
 
 def listed(rows, limit=10):
-    """Numbers as text, neighbours as a range: 3, 7-9; of many the first and how many."""
+    """Numbers as text, consecutive ones as a range: 3, 7-9; if many, the first and the total."""
     rows = sorted(set(rows))
     breaks = [i for i, (a, b) in enumerate(zip(rows, rows[1:]), 1) if b != a + 1]
     parts = [rows[i:j] for i, j in zip([0, *breaks], [*breaks, len(rows)])]
@@ -135,13 +135,13 @@ def listed(rows, limit=10):
 
 
 def columns_alike(readings):
-    """What is said of readings of the columns that fit as well."""
+    """Sentence on readings of the columns that fit equally well."""
     return ('the columns would fit as well if read otherwise. Check: '
             + '. Or: '.join(readings))
 
 
 def signs_sentences(alike, names, taken=AS_NAMED):
-    """What no fit can see of the columns, in words of what it means.
+    """Sentences on ambiguities of the columns (signs, exchange) that no fit can detect.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def signs_sentences(alike, names, taken=AS_NAMED):
         `Diagnosis.columns_alike`.
     names : mount_kinds.MountKind
     taken : str
-        As ``meta['taken']`` of the run.
+        ``meta['taken']`` of the run: how offsets are counted.
 
     Returns
     -------
@@ -174,7 +174,7 @@ def _reading_as_good(found):
 
 
 def worst_sentence(document):
-    """Whether the effects made the worst row worse, or another row the worst; '' where neither.
+    """Whether the effects made the worst row worse, or another row the worst; '' if neither.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def worst_sentence(document):
     Returns
     -------
     str
-        '' too where noise alone would have a row as far off among so many.
+        Also '' if noise alone explains the worst of so many rows.
     """
     rows = document.get('worst_rows')
     if not rows:
@@ -219,7 +219,7 @@ def worst_sentence(document):
 
 
 def _worst_by_chance(document):
-    """How far off the worst of so many rows is by noise alone at most, as a rule; arcsec."""
+    """Critical value of the largest residual of all rows under noise alone, arcsec."""
     left, count = document.get('after') or {}, document.get('observations')
     sigma = max(left.get('rms_x_arcsec') or 0.0, left.get('rms_y_arcsec') or 0.0)
     return float(sigma * np.sqrt(2.0 * np.log(count / _BY_CHANCE))) if count else 0.0
@@ -233,7 +233,7 @@ def bad_nights(document, axes):
     document : dict
         With ``held_out``.
     axes : sequence of str
-        What x and y are called.
+        Names of x and y.
 
     Returns
     -------
@@ -280,7 +280,7 @@ def _visited_again(found):
 
 
 def _together_again(rows):
-    """Rows of one star: the first and last of many."""
+    """Rows of one star; if many, the first and the last."""
     if len(rows) <= _VISITS:
         return ' and '.join(map(str, rows))
     return f'{rows[0]} to {rows[-1]} ({len(rows)})'

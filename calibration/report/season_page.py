@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of a season: each term night by night, what moved it, what tonight's will be."""
+"""The page of a season: each term night by night, causes of changes, prediction for tonight."""
 
 
 import numpy as np
@@ -31,7 +31,7 @@ from .wording import worded
 
 _YEAR = 365.25 * 86400.0
 _WIDTH, _HEIGHT = 940, 190
-_MOST = 6  # causes in sight
+_MOST = 6  # number of causes not folded away
 
 
 def render_season(result, files):
@@ -41,7 +41,7 @@ def render_season(result, files):
     ----------
     result : season_analysis.SeasonAnalysis
     files : iterable of Path
-        From which it is made.
+        Input files.
 
     Returns
     -------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A target: residuals as hits about the middle, and the circle of the noise."""
+"""Target plot: residuals as hits around the centre, with the circle of the noise."""
 
 import numpy as np
 
@@ -23,25 +23,25 @@ from . import page_parts as page
 from .drawing import MAGNIFIED, MAX_LINKED, MAX_POINTED, Panel, limit_of, svg, thinned
 from .star_table import WHENS
 
-#: within its radial RMS lies this much of noise that is alike in both axes
+#: share of isotropic normal noise within its radial RMS
 _WITHIN = 1.0 - np.exp(-1.0)
 
 
 def target(axes, limit, x, y, what, when, noise=None, draw=None):
-    """A target with its hits.
+    """A target plot.
 
     Parameters
     ----------
     axes : tuple of str
-        What x and y are.
+        Names of x and y.
     limit : float
-        At the edge, arcsec.
+        Value at the edge, arcsec.
     x, y : ndarray, shape (n,)
-        arcsec; what counts.
+        Used rows, arcsec.
     what : str
-        Of what.
+        Description for the caption.
     when : str
-        ``before`` or ``after``: how they are drawn.
+        ``before`` or ``after``: style of the marks.
     noise : float, optional
         Radial RMS of the noise, arcsec.
     draw : callable, optional
@@ -69,14 +69,13 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
         draw(panel)
     drawing = svg(400, 384, panel.parts, f'Target plot. {what}{arcsec(size)}{rest}',
                   'link' if draw else '')
-    # of what is linked a refit changes the RMS
+    # a refit in the page updates the RMS of linked plots
     size = page.Size(size, when if draw and len(x) else '')
     return page.Figure(drawing, (what, size, rest), when)
 
 
 def targets(data):
-    """All residuals as hits on a target, with the circle of the noise, before and after on one
-    scale; after once more, larger, if it is small.
+    """Target plots of all residuals, before and after on one scale; after also magnified if small.
     """
     if not data.used.any():
         return None
@@ -98,7 +97,7 @@ def targets(data):
 
 
 def row_marks(panel, x, y, data, when, linked=True, axes=(None, None)):
-    """What counts as dots, the others as crosses; `axes`: which residuals are drawn."""
+    """Draw used rows as dots, the others as crosses; `axes`: which residuals are drawn."""
     moves = f' data-when="{when}"{panel.moving(axes)}'
     linked = linked and len(data) <= MAX_POINTED
     rest = thinned(np.flatnonzero(data.known & ~data.used & np.isfinite(x)), MAX_LINKED)
@@ -112,7 +111,7 @@ def row_marks(panel, x, y, data, when, linked=True, axes=(None, None)):
 
 
 def marks_legend(data):
-    """What dots, squares and crosses are."""
+    """Legend of dots, squares and crosses."""
     left = bool((data.known & ~data.used).any())
     return page.Legend((('before', f'{data.before_text} (dots)'),
                         ('after', f'{data.after_text} (squares)'),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a diagnosis found, in sentences that need no formula."""
+"""The result of a diagnosis in plain sentences."""
 
 from dataclasses import dataclass
 
@@ -39,16 +39,16 @@ from .observation_wording import next_sentence
 from .raw_error_wording import raw_error_sentence
 from .row_wording import bad_nights, outlier_sentence, worst_sentence
 
-_NO_GAIN = 0.98  # of the error before, above which nothing was gained
-_LITTLE_GAIN = 0.75  # and above which most of it is left to be explained
-#: of the effects that would have been found, so many are named
+_NO_GAIN = 0.98  # RMS ratio after / before above which there is no improvement
+_LITTLE_GAIN = 0.75  # ... and above which most of the error is unexplained
+#: largest number of detection limits that are named
 _MOST_NAMED = 8
-#: verdict -> what a page calls it
+#: verdict -> its name on pages
 VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero drifts', 'undecided': 'undecided',
             'identified': 'cause identified', 'ambiguous': 'found; the cause is open',
             'unknown': 'cause unknown', 'refused': 'nothing concluded',
             'withheld': 'not published', 'taken_back': 'taken back'}
-#: verdict -> its headline, where there is no effect to name
+#: verdict -> its headline, if there is no effect to name
 HEADLINES = {
     'none': 'No significant error{beyond}.',
     'wanders': 'No effect found{beyond}. The noise is correlated: the zero drifts.',
@@ -62,16 +62,16 @@ _WITHOUT_EFFECTS = ('refused', 'none', 'undecided', 'wanders')
 
 @dataclass
 class Statement:
-    """One thing to know.
+    """One statement for users.
 
     Attributes
     ----------
     lead : str
-        What it is.
+        The statement itself.
     more : str
-        Why, what to do about it, what it rests on.
+        Reasons, evidence and what to do.
     reach_arcsec : float, optional
-        Of an effect, peak to peak.
+        Peak to peak size of an effect.
     """
 
     lead: str
@@ -80,19 +80,19 @@ class Statement:
 
     @property
     def text(self):
-        """All of it."""
+        """The full text."""
         return f'{self.lead} {self.more}'.strip()
 
 
 def short_headline(document, effects):
-    """What is read first: the largest error, its size, how sure it is.
+    """The headline: the largest error, its size, how sure it is.
 
     Parameters
     ----------
     document : dict
         `Diagnosis.to_dict()`.
     effects : list of error_ranking.ErrorLine
-        The largest first.
+        Largest first.
 
     Returns
     -------
@@ -127,27 +127,27 @@ def _beyond_terms(document):
 
 
 def verdict_sentences(document, effects=(), limit=5, caution=''):
-    """The verdict of a diagnosis in full sentences: of ``--verbose``, the node and Python.
+    """The verdict of a diagnosis in full sentences, for ``--verbose``, the node and Python.
 
-    What the page and the terminal show first is `short_headline`.
+    Page and terminal show `short_headline` first.
 
     Parameters
     ----------
     document : dict
         `Diagnosis.to_dict()`.
     effects : sequence of Statement
-        Of its effects, in their order; the largest comes first.
+        Statements on its effects, in the order of the document; sorted here by size.
     limit : int
-        Effects that are named; the others are counted.
+        Largest number of effects described; the others are counted.
     caution : str
-        Comes before them.
+        Caution placed before the effects.
 
     Returns
     -------
     headline : str
     sentences : list of str
-        What may put all effects in doubt; the effects, numbered where there are several; the way
-        of the RMS; what follows.
+        Cautions; the effects, numbered if there are several; the RMS raw, with terms and with
+        effects; further remarks.
     """
     headline, first, rest = _statements(document, effects, caution)
     ranked = [] if document['verdict'] in _WITHOUT_EFFECTS else _ranked(document, effects)
@@ -161,7 +161,7 @@ def verdict_sentences(document, effects=(), limit=5, caution=''):
 
 
 def _statements(document, effects, caution):
-    """Headline, what comes before the effects, and what after them."""
+    """Headline, sentences before the effects, and sentences after them."""
     verdict = document['verdict']
     last = [axes_sentence(document) if verdict != 'none' else '', scatter_sentence(document),
             figures_sentence(document), outlier_sentence(document)]
@@ -193,7 +193,7 @@ def _statements(document, effects, caution):
 
 
 def _nothing(document, caution, odd, last):
-    """Where nothing is missing: that is said as plainly as what is."""
+    """`_statements` for the verdict ``none``."""
     floor, left = document.get('noise_floor_arcsec'), document['before'].get('rms_arcsec')
     looks = f'The residuals, {arcsec(left)} RMS, are consistent with noise'
     looks += f' (noise floor {arcsec(floor)}).' if floor is not None else '.'
@@ -201,7 +201,7 @@ def _nothing(document, caution, odd, last):
         caution = (f'Residuals of {arcsec(left)} are too large for a mount: check columns, units, '
                    'signs and the zero of azimuth.')
     unequal = axes_sentence(document)
-    looks = unequal or looks  # that is no noise
+    looks = unequal or looks  # unequal scatter is not consistent with noise
     headline = f'No significant error{beyond(document)}'
     label, before, _ = best_pair(document)
     if before is not None and not caution:
@@ -218,7 +218,7 @@ def _nothing(document, caution, odd, last):
 
 
 def _by_size(document, effects):
-    """Effects of a document with the summary of each, the largest first."""
+    """Effects of a document with their summaries, largest first."""
     return sorted(zip(document['effects'], effects),
                   key=lambda each: -(each[0].get('removes_rms_arcsec')
                                      or each[0].get('cv_gain_arcsec') or 0.0))
@@ -238,7 +238,7 @@ def _ranked(document, effects):
 
 
 def _long_headline(document, effects):
-    """The largest error, its size, its cost; and what remains."""
+    """The largest error and its size, and the remaining RMS."""
     count = len(document['effects'])
     if document['verdict'] in ('withheld', 'taken_back'):
         many, them = ('One effect', 'it') if count == 1 else (f'{count} effects', 'them')
@@ -268,7 +268,7 @@ def _long_headline(document, effects):
 
 
 def slow_is_largest(document):
-    """Whether what moves slowly is a larger error than any effect that was found."""
+    """Whether the slow drift is larger than any effect found."""
     correlation = document.get('wander') or {}
     size = correlation.get('removes_rms_arcsec')
     return bool(correlation.get('slow') and size is not None and size > max(
@@ -276,7 +276,7 @@ def slow_is_largest(document):
 
 
 def _slow_words(document):
-    """What moves slowly, where it is the largest error; '' where it is not."""
+    """Sentence on the slow drift if it is the largest error; else ''."""
     if not slow_is_largest(document):
         return ''
     correlation = document['wander']
@@ -287,13 +287,13 @@ def _slow_words(document):
 
 
 def _drifts(document):
-    """Which axes drift evenly, after a colon; '' where none does."""
+    """Which axes drift linearly, after a colon; '' if none does."""
     drifts = drift_words(document['wander'], kind_of(document).axes)
     return f': {drifts}' if drifts else ''
 
 
 def count_sentence(document):
-    """How many effects were found, and of how many the cause is open."""
+    """Number of effects found, and for how many the cause is open."""
     effects = document['effects']
     unclear = sum(open_causes(row) > 1 or bool('causes' not in row and row.get('alternatives'))
                   for row in effects)
@@ -308,7 +308,7 @@ def count_sentence(document):
 
 
 def _detectable(document):
-    """What would have been found, in one sentence, or none."""
+    """The detection limits in one sentence; empty if there are none."""
     limits, words = [], limit_words(kind_of(document))
     for row in (document.get('detectable') or [])[:_MOST_NAMED]:
         unit = {'arcsec/h': ' an hour', 'arcsec/K': ' a degree',
@@ -319,7 +319,7 @@ def _detectable(document):
 
 
 def _correlation(document):
-    """Rows that resemble their neighbours, if there is such a thing."""
+    """Sentence on correlated noise, if there is any."""
     entry = document.get('wander')
     if not entry:
         return []
