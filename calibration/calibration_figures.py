@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a calibration knows as numbers that can be plotted: terms, zero, errors, residuals."""
+"""Results of a calibration as numbers to plot: terms, zero, errors, residuals."""
 
 import re
 
@@ -28,26 +28,26 @@ _NO_WORD = re.compile(r'\W+')
 
 
 def calibration_figures(model, zero, report=None, tracked=None, left=None):
-    """Numbers of what is published, in groups of at most fifteen.
+    """The published results as numbers, in groups of at most fifteen.
 
     Parameters
     ----------
     model : PointingModel or None
     zero : PowerOnZero or None
     report : dict, optional
-        Of the last fit.
+        Report of the last fit.
     tracked : dict, optional
-        Document of a model that is tracked.
+        Document of an adaptive model (mode track).
     left : dict, optional
-        What `model` leaves of the stars, as of `residual_table`.
+        Residuals of the stars from `model`, see `residual_table`.
 
     Returns
     -------
     dict of str to dict of str to float
         ``term/IA`` and ``effect/NAME/COEFFICIENT``: ``value_arcsec``, ``sigma_arcsec``; ``zero``;
-        ``rms/STEP/used`` and ``held_out`` of each step of the report, ``rms/active_model`` of what
-        is active now; ``fit``; ``expected_error`` of the model; ``tracking``. What is not known is
-        left out.
+        ``rms/STEP/used`` and ``held_out`` of each step of the report, ``rms/active_model`` of the
+        active model; ``fit``; ``expected_error`` of the model; ``tracking``. Unknown values are
+        omitted.
     """
     groups = {}
     if model is not None:
@@ -81,12 +81,12 @@ def calibration_figures(model, zero, report=None, tracked=None, left=None):
 
 
 def expected_figures(expected):
-    """How much the zero of a power-on will have changed, in a group as `calibration_figures`.
+    """Predicted change of the zero of a power-on, as a group like those of `calibration_figures`.
 
     Parameters
     ----------
     expected : dict
-        Of each axis ``change_arcsec`` and ``sigma_arcsec``, None where unknown.
+        For each axis ``change_arcsec`` and ``sigma_arcsec``, None where unknown.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def _of_report(report):
 
 
 def _of_residuals(left):
-    """RMS of the stars that may be fitted, and of the blind ones."""
+    """RMS of the stars that may be fitted, and of the held-out (blind) ones."""
     x, y = left['residual_right'], left['residual_up']
     blind = np.asarray(left.get('check', np.zeros(len(x)))) == 1.0
     return {f'rms/active_model/{name}': _rms_of(rms_arcsec(x[rows], y[rows])._asdict())
@@ -129,13 +129,13 @@ def _rms_of(found):
 
 
 def residual_table(active, rows, site=None):
-    """What the active model leaves of the stars of a night.
+    """Residuals of the stars of a night from the active model.
 
     Parameters
     ----------
     active : ModelWithZeros
     rows : PointingRun
-        All of the night.
+        All rows of the night.
     site : dict, optional
         ``latitude``, ``longitude``, rad.
 
@@ -144,8 +144,8 @@ def residual_table(active, rows, site=None):
     dict of str to ndarray, shape (n,)
         ``time`` (UTC s), ``azimuth`` and ``elevation`` of the star (the mount's own angles, rad),
         ``residual_right`` and ``residual_up`` (encoder - model on the sky, rad: along the first
-        axis times the cosine of the second, and along the second), ``check``, ``power_on``;
-        without the columns that the rows lack.
+        axis times the cosine of the second, and along the second), ``check``, ``power_on``.
+        Columns that the rows lack are omitted.
     """
     x, y = active.residuals(rows, site)
     columns = {'time': rows.get('time'), 'azimuth': rows['az'], 'elevation': rows['el'],

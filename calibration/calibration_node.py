@@ -55,7 +55,7 @@ from .report.wording import paragraph, worded
 class Calibration(MountNode):
     """Collects observations; publishes zero, model and report, latched."""
 
-    GATHER = 0.005  # clock, status and rows of a simulated night at once
+    GATHER = 0.005  # handles clock, status and rows of a simulated night together
 
     def __init__(self, **kwargs):
         super().__init__('calibration', PARAMS, hardware_id='pointing model', **kwargs)
@@ -67,11 +67,11 @@ class Calibration(MountNode):
         self._model_name = identity(reference.to_json() if reference else '')
         self._has_published = False  # a zero or a model is published
         self._finding = self._refused = ''  # for the diagnostics
-        self._observer = None  # how far its plan is
-        self._taken_up = []  # from others, after a start in the middle of a night
-        self._marks, self._marks_stamp = None, 0  # of the incremental encoder, and of when, ns
-        self._expected_of = None  # the power-on whose expected zero is published
-        self._left = None  # what the active model leaves of the stars
+        self._observer = None  # progress of its plan
+        self._taken_up = []  # what was received from other nodes after a start in mid-night
+        self._marks, self._marks_stamp = None, 0  # of the incremental encoder, and their time, ns
+        self._expected_of = None  # the power-on whose predicted zero is published
+        self._left = None  # residuals of the stars from the active model
         self._pubs = {topic.name: self.publisher(topic) for topic in (
             topics.ZERO, topics.ZERO_IDENTITY, topics.ZERO_POSE, topics.ZERO_EXPECTED, topics.MODEL,
             topics.CALIBRATION_REPORT, topics.DIAGNOSIS, topics.CALIBRATION_STATUS,
@@ -95,7 +95,7 @@ class Calibration(MountNode):
         self._publish_status('knows nothing of the night yet: no observation, no zero, no model')
 
     def _publish(self, topic, content):
-        """A message, a text or a document."""
+        """Publish a message, a text, or a document as JSON."""
         if isinstance(content, dict):
             content = json.dumps(content)
         self._pubs[topic.name].publish(
@@ -106,7 +106,7 @@ class Calibration(MountNode):
         tracked = self._state.add(run, convert.from_stamp(message.header.stamp))
         self._publish_request()
         if tracked:
-            self._publish_tracked()  # before the observer hears that the row was taken
+            self._publish_tracked()  # before the status that tells the observer the row has come
         else:
             self._publish_status('collecting')
         self._expect_zero()
@@ -115,16 +115,16 @@ class Calibration(MountNode):
         if message.width:
             run = self._rows(message)
             new = self._state.add_table(run, convert.from_stamp(message.header.stamp))
-            if new > 1:  # it may overtake its last row
+            if new > 1:  # one new row: the table has only overtaken it
                 self._taken_up = [words.rows_sentence(self._state.rows.taken, self._state.zeros)]
                 self._publish_restart()
             else:
                 self._publish_status('collecting')
 
-    # --- started anew, this node or another -----------------------------------------------------
+    # --- restarts, of this node or another --------------------------------------------------------
 
     def _publish_tracked(self):
-        """The model after a star, and what it said."""
+        """Publish the adaptive model after a star, and its document."""
         night = self._state.tracked
         model, zero = night.pair(self._state.last_stamp)
         self._send_model(model)
@@ -136,7 +136,10 @@ class Calibration(MountNode):
         self._publish_status(words.restart_sentence(self._taken_up, self._state.model))
 
     def _on_active(self, message):
-        """Of a calibration before: what it has published died with it."""
+        """Take over the active model and zero of an earlier calibration process.
+
+        Its latched messages ended with it, so they are published again.
+        """
         if self._has_published or self.value('reference_age'):
             return
         text, stamp, zero = text_to_pair(message.data)
@@ -172,19 +175,19 @@ class Calibration(MountNode):
             self._state.season.update_marks(axis_homings(self._marks, 0))
 
     def _marks_unknown(self):
-        """Whether an incremental encoder is there that gives nothing of its marks."""
+        """Whether there is an incremental encoder that has published no reference marks."""
         return self._marks is None and self.count_publishers(
             self.resolve_topic_name(topics.INCREMENTAL.name)) > 0
 
     def _homings(self):
         if self._marks_unknown():
             return None
-        # an encoder that has lost its zero since says so itself
+        # an encoder that has lost its zero since is not `homed`
         run = self._state.rows.newest
         return [homing for homing in axis_homings(self._marks or {}, run) if homing.homed]
 
     def _publish_status(self, text, warn=False, **values):
-        """The text on the status topic."""
+        """Publish a text on the status topic; returns the text."""
         self._publish(topics.CALIBRATION_STATUS, convert.status(
             DiagnosticStatus.WARN if warn else DiagnosticStatus.OK,
             self.get_fully_qualified_name(), text,
@@ -192,7 +195,7 @@ class Calibration(MountNode):
         return text
 
     def _answer(self, work):
-        """What `work` has done, or why it could not."""
+        """Service response: success and the text of `work`, or failure and the reason."""
         try:
             self._refuse_beside_another()
             return True, work()
@@ -200,7 +203,7 @@ class Calibration(MountNode):
             return self._refusal(err)
 
     def _refusal(self, error):
-        """Why a service has not done its work; the report of a fit is published all the same."""
+        """Service response of a failure; the report of a refused fit is published nevertheless."""
         if isinstance(error, Contradiction) and error.report is not None:
             self._publish(topics.CALIBRATION_REPORT, error.report)
         return False, self._publish_status(str(error))
@@ -210,7 +213,7 @@ class Calibration(MountNode):
             return self._publish_status('the zero is followed with each star; nothing is set anew')
         run, zero = self._state.calibrate_zero()
         if self.value('reference_age') and self._state.reference is not None:
-            # the zero goes with the model that it is relative to
+            # publish the reference model with the zero that is relative to it
             self._send_model(self._state.dated_reference)
         self._publish_zero(zero)
         few = zero.n - zero.rejected < self.value('least_exposures')
@@ -223,7 +226,7 @@ class Calibration(MountNode):
         self._publish(topics.MODEL, text)
 
     def _expect_zero(self):
-        """Once a power-on, from what the nights before it followed."""
+        """Publish the predicted zero once per power-on, from the causes found on earlier nights."""
         number = self._state.rows.newest
         if self._state.season is None or number == self._expected_of:
             return
@@ -233,7 +236,7 @@ class Calibration(MountNode):
                 self._state.last_stamp, expected_figures(expected)))
 
     def _publish_zero(self, zero):
-        """With what it holds for: its power-on and the model."""
+        """Publish a zero with the power-on and the model it is valid for."""
         self._send_zero(replace(zero, model=self._model_name,
                                 started=self._state.started(zero.run)))
 
@@ -261,7 +264,7 @@ class Calibration(MountNode):
         return self._publish_status(done, 'refused' in report)
 
     def _publish_model(self, model):
-        """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
+        """Publish the model and its zero, which differs a little from that of exposures alone."""
         table = self._left = self._state.active and residual_table(
             self._state.active, self._state.rows.all(), site_of(self.value('site')))
         self._send_model(model)
@@ -272,7 +275,7 @@ class Calibration(MountNode):
                 self._state.mount.direction(table['azimuth'], table['elevation'])))
             for time, right, up in zip(table.get('time', ()), table['residual_right'],
                                        table['residual_up']):
-                if time > 0.0:  # of rows without a time there is no series
+                if time > 0.0:  # rows without a time are no time series
                     self._publish(topics.CALIBRATION_RESIDUAL,
                                   convert.sky_vector(round(time * 1e9), right, up))
 
@@ -282,12 +285,12 @@ class Calibration(MountNode):
                              'calibration/cancel')
 
     async def _work_diagnosis(self):
-        """Seconds or more: in a thread; what is found counts only when it is done."""
+        """Diagnose in a thread, for it takes seconds or more; apply the result when finished."""
         state, until = self._state, self.value('diagnosed_at')
         site = site_of(self.value('site'))
         try:
             self._refuse_beside_another()
-            declared_graduation(self.value('graduation'), state.mount.names)  # of its own axes
+            declared_graduation(self.value('graduation'), state.mount.names)  # checks the axes
             self._publish_status('diagnosing')
             found = await self._long.run('diagnosing', partial(
                 state.find_effects, self.value('alpha'), site, until))
@@ -301,7 +304,7 @@ class Calibration(MountNode):
         return answer
 
     def _publish_request(self):
-        """How causes stand, if there is anything new."""
+        """Publish the state of the discrimination between causes, if it is new."""
         if text := self._state.requests.news():
             self._publish(topics.DISCRIMINATION, text)
 
@@ -313,7 +316,7 @@ class Calibration(MountNode):
     def _diagnosed(self, found):
         document = found.document
         done = f'{self._publish_finding(found)}; {words.headline(found)}'
-        if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
+        if document['verdict'] == 'refused':  # mistaken columns: no conclusion
             done = self._refused = paragraph(found.diagnosis.cautions)
         elif self._refused:
             done += f'; {self._refused}'
@@ -328,7 +331,7 @@ class Calibration(MountNode):
         return self._finding_status(done, found.document)
 
     def _write_page(self, found):
-        """Why the page was not written, if it was to be."""
+        """Write the page if asked to; returns why it failed, else ''."""
         if not self.value('diagnosis_page'):
             return ''
         from .report.diagnosis_page import render
@@ -341,10 +344,10 @@ class Calibration(MountNode):
         return ''
 
     def _publish_finding(self, found):
-        """Diagnosis, report, model and zero of a `NightDiagnosis`; what was found, in words."""
+        """Publish diagnosis, report, model and zero of a `NightDiagnosis`; returns a sentence."""
         document = found.document
         self._publish(topics.DIAGNOSIS, document)
-        if self._state.report is not None:  # its alarms are others with another model
+        if self._state.report is not None:  # its alarms depend on the model
             self._publish(topics.CALIBRATION_REPORT, self._state.report)
         self._publish_model(found.model)
         self._finding = words.finding_sentence(document)
@@ -357,7 +360,7 @@ class Calibration(MountNode):
             effects=', '.join(document['applied']), published=document['published'])
 
     def finish(self):
-        """Wait for nothing."""
+        """Shut down without waiting for work in progress."""
         self._long.close()
 
     def required(self):
@@ -370,5 +373,5 @@ class Calibration(MountNode):
             self._state, self._marks_unknown(), self._refused)]
 
     def details(self):
-        """What has come."""
+        """Rows received, and the results so far."""
         return state_rows(self._state, self._taken_up, self._finding)

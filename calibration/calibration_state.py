@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The state of a calibration: rows, zeros, the active model, and what follows with each star."""
+"""The state of a calibration: rows, zeros, the active model, and updates with each star."""
 
 from dataclasses import replace
 
@@ -55,7 +55,7 @@ NO_HARMONICS = HarmonicChoice()
 
 
 class Contradiction(ValueError):
-    """Why a model is not published, a sentence; and the `report` of its fit, where there is one."""
+    """Reason why a model is not published, a sentence; and the `report` of its fit, if any."""
 
     def __init__(self, why, report=None):
         super().__init__(why)
@@ -63,52 +63,52 @@ class Contradiction(ValueError):
 
 
 class CalibrationState:
-    """Takes observations and computes from them alone; the same rows give the same numbers.
+    """State computed from the observations alone: the same rows give the same numbers.
 
     Parameters
     ----------
     reference : PointingModel, optional
         Model of an earlier night. The zero is then the change since that night. Without it the
         zero is the whole offset at Polaris, in which IA and IE cannot be separated from the other
-        terms; what changed shows between two power-ons.
+        terms; only changes between power-ons are then known.
     split_seed : int
-        Of the choice of the stars that are held out.
+        Random seed for the choice of held-out stars.
     harmonics : HarmonicChoice
-        Of the model that is published; by default none.
+        Harmonics in the published model; by default none.
     power_ons : int
-        So many have their rows kept, the last ones; 0: all.
+        Number of power-ons, the last ones, whose rows are kept; 0: all.
     mode : {'batch', 'track'}
-        track: a model after each star too.
+        track: the model is also updated after each star.
 
     Attributes
     ----------
     rows : RowTable
     number : int or None
-        Of the power-on that is calibrated by itself, see `NightSeries`; None: all of them together.
+        The power-on calibrated by itself, see `NightSeries`; None: all are calibrated together.
     zeros : Zeros
-        By their exposures alone, a MeasuredZero of each power-on that has some.
+        From the exposures for a zero alone: a MeasuredZero for each power-on that has some.
     season : SeasonLog or None
-        Of a `NightSeries`, what the zeros of all nights have followed.
+        For a `NightSeries`, the zeros of all nights and their causes.
     fitted : ModelWithZeros or None
-        Of the last fit that was published, with the covariances of its zeros.
+        The last published fit, with the covariances of its zeros.
     active, replaced : ModelWithZeros or None
-        What was published last, and what that replaced; no `replaced` where that is the same.
+        The active model and the one before it; `replaced` is None where both predict the same.
     since : int
-        How many rows were known when `active` was published, of those that are still here.
+        Number of rows (of those still kept) when `active` was published.
     model : PointingModel or None
-        That was published last: of `active`, with all that whoever points with it must know.
+        The model of `active` as published, with all that is needed to point with it.
     terms : ModelWithZeros or None
-        The terms alone, as the last fit found them.
+        The terms alone, from the last fit.
     contradiction : Contradiction or None
         Why the last fit or diagnosis has given no model.
     report : dict or None
-        Of the last fit, the encoders checked again with the model that came after it.
+        Report of the last fit; its encoder cross-check is repeated with a later model.
     encoder_zeros : EncoderZeros, StarOffsets or None
-        Zeros of the encoders tonight by the sky, from `fit` on.
+        Tonight's zeros of the encoders measured on the sky, from `fit` on.
     tracks : bool
-        Whether it follows the mount with each star.
+        Whether the model is updated with each star.
     tracked : TrackedNight or None
-        That of mode track; None: there is no model to begin with.
+        Adaptive model of mode track; None: there is no initial model.
     requests : StarRequests
     """
 
@@ -120,18 +120,18 @@ class CalibrationState:
         self._begin(reference)
 
     def _begin(self, reference, yesterday=None, number=None):
-        """A night that has no model yet.
+        """Start a night without a model.
 
         Parameters
         ----------
         reference : PointingModel or None
         yesterday : encoder_zeros.EncoderZeros or StarOffsets, optional
-            How Polaris and the encoders stood to each other the night before.
+            Zeros of the encoders on Polaris the night before.
         number : int, optional
             See the class.
         """
         self.reference, self._yesterday, self.number = reference, yesterday, number
-        #: whose the errors of the mount are, as the last fit found or an earlier model has it
+        #: where the errors act (`Mount.errors`), from the last fit or an earlier model
         self._errors = None if reference is None else reference.mount.errors
         self.terms = self._degree = self._diagnosis = None
         self.fitted = self.active = self.replaced = self.model = None
@@ -142,34 +142,34 @@ class CalibrationState:
 
     @property
     def mount(self):
-        """That of the rows, else of the active model or the reference, `Mount`."""
+        """`Mount` of the rows, else of the active model or the reference."""
         return self.rows.mount or (self.model or self.reference or PointingModel({})).mount
 
     @property
     def last_stamp(self):
-        """Of the newest row, ns; 0 before the first."""
+        """Stamp of the newest row, ns; 0 before the first."""
         return self.rows.last_stamp
 
     def observations(self, until=0):
         """All rows so far that are calibrated together, a PointingRun.
 
-        With `until`, those that had come by that stamp.
+        With `until`, those received by that stamp.
 
         Raises
         ------
         ValueError
-            There is none.
+            There are none.
         """
         run = self.rows.all(until, self.number)
         return with_errors(run, self._errors) if self._errors else run
 
     def add(self, run, stamp):
-        """Take rows, as `RowTable.add`, and let `tracked` and `requests` follow.
+        """Add rows, see `RowTable.add`, and update `tracked` and `requests`.
 
         Returns
         -------
         bool
-            Whether there is another tracked model.
+            Whether the adaptive model has changed.
         """
         self._take(self.rows.add, run, stamp)
         self.requests.update(self)
@@ -178,20 +178,20 @@ class CalibrationState:
         return self.tracked is not None and any(one.taken for one in self.tracked.take(run))
 
     def add_table(self, run, stamp):
-        """Take the table of all rows so far; how many were not here, as `RowTable.add_table`."""
+        """Add the table of all rows so far; returns the number of new rows, see `RowTable`."""
         count = self._take(self.rows.add_table, run, stamp)
-        if count > 1:  # of a night under way, and no row that a table has overtaken
+        if count > 1:  # a night in progress; one row would only be overtaken by its table
             self.zeros.update(night_zeros(self.observations(), self.reference)[0])
             self._track_rows()
         return count
 
     def _track_rows(self):
-        """All that are here, after a start in the middle of a night."""
+        """Update the adaptive model with all rows, after a start in mid-night."""
         if self.tracked is not None and len(self.rows):
             self.tracked.take(self.observations())
 
     def _take(self, take, run, stamp):
-        """What `take` of the rows gives; what was made of rows that it lets go is gone too."""
+        """Add rows by `take` and return its result; drop what depends on rows it has forgotten."""
         check_mount(run.mount, {'the reference model': self.reference and self.reference.mount})
         before = self.rows.forgotten
         out = take(run, stamp)
@@ -202,7 +202,7 @@ class CalibrationState:
         return out
 
     def started(self, number):
-        """When a power-on began, UTC s; None where its rows do not decide."""
+        """Time at which a power-on began, UTC s; None where its rows do not give it."""
         rows = self.observations()
         own = rows.get('encoder_start')[rows['run'] == number]
         own = own[np.isfinite(own)]
@@ -211,12 +211,12 @@ class CalibrationState:
     # --- zeros ------------------------------------------------------------------------------------
 
     def _zeros_of(self, rows):
-        """Of `zeros` those of the power-ons in some rows."""
+        """Those of `zeros` whose power-ons are in some rows."""
         return Zeros(zero for number, zero in self.zeros.items() if number in rows['run'])
 
     @property
     def active_zeros(self):
-        """Those that belong to the active model."""
+        """Zeros of the active model."""
         return Zeros() if self.active is None else self.active.zeros
 
     def calibrate_zero(self):
@@ -240,7 +240,7 @@ class CalibrationState:
         zeros, exposures = night_zeros(rows, self.reference, newest)
         self.zeros.update(zeros)
         if newest not in exposures:
-            self.zeros.pop(newest, None)  # of exposures that are not trusted any more
+            self.zeros.pop(newest, None)  # its exposures are no longer trusted
             raise ValueError('; '.join([
                 f'Polaris was not observed since power-on {newest}, nor stars for its zero; point '
                 'at them first', *reasons(rows)]))
@@ -251,13 +251,13 @@ class CalibrationState:
             follows.corrected(exposures[newest]), self.model, run=newest)
 
     def zero_of_model(self):
-        """The newest active zero, as well known as its exposures, or else its stars, say.
+        """The newest active zero, with the covariance from its exposures, or else from its stars.
 
         Returns
         -------
         PowerOnZero
-            Where the power-on has no exposures for its zero, the covariance is that which the fit
-            gives to the change since the first power-on; None of the first.
+            If the power-on has no exposures for its zero, the covariance is that of the fitted
+            change since the first power-on; None for the first.
         """
         newest = self.active_zeros.newest
         measured = self.zeros.get(newest.run)
@@ -269,9 +269,9 @@ class CalibrationState:
     # --- the active model -------------------------------------------------------------------------
 
     def take_up(self, model):
-        """`model` is active: a calibration before this one has published it.
+        """Make `model` active, which an earlier calibration process has published.
 
-        The next fit is judged against it where it tells which zeros it went with.
+        The next fit is compared with it if it contains its zeros.
 
         Parameters
         ----------
@@ -280,7 +280,7 @@ class CalibrationState:
         Raises
         ------
         ValueError
-            What it says of its zeros is damaged.
+            The zeros in its provenance are damaged.
         """
         if self.tracks and TRACKED in model.provenance:
             self.tracked = TrackedNight.from_model(model)
@@ -292,7 +292,7 @@ class CalibrationState:
             self.active, self.since = ModelWithZeros(model, zeros, follows), len(self.rows)
 
     def _activate(self, new, model, since):
-        """`new` is active, published as `model`; what it replaced can come back."""
+        """Make `new` active, published as `model`; the replaced one is kept to be restored."""
         same = self.active is not None and new.predicts_as(self.active)
         self.replaced = None if same else self.active
         self.active, self.since = new, since
@@ -311,20 +311,20 @@ class CalibrationState:
     # --- fit --------------------------------------------------------------------------------------
 
     def fit(self, homings=()):
-        """Fit all stars, and test each kind of model on stars that it did not see.
+        """Fit all stars, and test each kind of model on held-out stars.
 
-        Rows with ``check`` 1 are left out: see `rows`.
+        Rows with ``check`` 1 are excluded: see `rows`.
 
         Parameters
         ----------
         homings : iterable of cross_check.Homing
-            What the incremental encoders say of themselves.
+            Reported by the incremental encoders.
 
         Returns
         -------
         model : PointingModel
-            The physical terms, or the harmonics that were asked for, for pointing with
-            `active_zeros`; where a fit is worse on blind stars, the model that was active.
+            The physical terms, or the requested harmonics, for pointing with `active_zeros`. If
+            the fit is worse on blind stars, the active model is kept.
         report : dict
             See `report.night_document`; JSON-ready.
 
@@ -333,7 +333,7 @@ class CalibrationState:
         ValueError
             Too few stars.
         Contradiction
-            What is known speaks against a model of these rows: nothing has become active.
+            There is evidence against any model of these rows; the active model stays.
         """
         self._refuse_contradicted()
         origin = origin_of_night(for_fitting(self.observations()))
@@ -372,33 +372,33 @@ class CalibrationState:
         return self.model, report
 
     def _refuse_contradicted(self, report=None):
-        """`Contradiction` where what is known speaks against a model of these rows."""
+        """Raise `Contradiction` where there is evidence against any model of these rows."""
         if why := contradiction(self.observations(), report):
             self.contradiction = Contradiction(why, report)
             raise self.contradiction
 
     @property
     def dated_reference(self):
-        """The model of an earlier night, as it is published with a zero relative to it."""
+        """The reference model as published with a zero relative to it."""
         return replace(self.reference, provenance={
             **self.reference.provenance, 'last_stamp_ns': self.last_stamp})
 
     @property
     def alarms(self):
-        """Of the last report, what the encoders and the sky disagree on; sentences."""
+        """Disagreements of encoders and sky in the last report; sentences."""
         refused = self.contradiction and self.contradiction.report
         report = refused or self.report
         return report['witnesses']['alarms'] if report else []
 
     def _source(self):
-        """What the provenance of every model of these rows gives."""
+        """Provenance common to all models of these rows."""
         reference = None
         if self.reference is not None:
             reference = self.reference.provenance.get('source', 'a model of an earlier night')
         return {'last_stamp_ns': self.last_stamp, 'reference': reference}
 
     def _replaces(self, new, report):
-        """Whether a fit is not worse than the active model on blind stars; told in its report."""
+        """Whether a fit is not worse than the active model on blind stars; noted in its report."""
         compared = BlindStars(self.observations()).compare(self.active, new)
         if compared is None:
             return True
@@ -419,20 +419,20 @@ class CalibrationState:
     # --- diagnosis --------------------------------------------------------------------------------
 
     def diagnose(self, alpha=ALPHA, site=None, until=0, progress=None):
-        """`find_effects`, and `apply` what is found, a NightDiagnosis."""
+        """`find_effects`, then `apply` the result, a NightDiagnosis."""
         found = self.find_effects(alpha, site, until, progress)
         self.apply(found, site, until)
         return found
 
     def find_effects(self, alpha=ALPHA, site=None, until=0, progress=None):
-        """What the fitted model lacks; nothing of the state changes: see `apply`.
+        """Diagnose which effects the fitted model lacks, without changing the state (see `apply`).
 
         Parameters
         ----------
         alpha, site, progress
-            As of `night_diagnosis.diagnose_night`.
+            See `night_diagnosis.diagnose_night`.
         until : int
-            Rows after this stamp (ns) were not known then; 0: all are. For replays.
+            Ignore rows after this stamp (ns), for replays; 0: use all.
 
         Returns
         -------
@@ -443,7 +443,7 @@ class CalibrationState:
         ValueError
             Too few stars.
         Contradiction
-            As of `fit`.
+            See `fit`.
         """
         from .night_diagnosis import diagnose_night
         self._refuse_contradicted()
@@ -456,13 +456,13 @@ class CalibrationState:
         return found
 
     def apply(self, found, site=None, until=0):
-        """The model of a diagnosis is active; `report` and `requests` go with it.
+        """Make the model of a diagnosis active, and update `report` and `requests`.
 
         Parameters
         ----------
         found : NightDiagnosis
         site, until
-            With which it was found.
+            Arguments of the `find_effects` that found it.
         """
         rows = self.observations(until)
         if found.start.model is not None:
@@ -473,14 +473,14 @@ class CalibrationState:
         self.requests.begin(self, found, site, until)
 
     def _start_of_diagnosis(self, rows):
-        """The fit, following what drifts by now, where that does not make blind stars worse.
+        """The fit to diagnose: refitted for count drifts found since, unless worse on blind stars.
 
-        Blind stars have seen more of it than those of the fit.
+        Blind stars have seen more of a drift than the stars of the fit.
 
         Returns
         -------
         ModelWithZeros
-            Without a model where nothing was fitted.
+            Without a model if nothing was fitted.
         """
         follows, old = zero_following(rows.select(rows['star'] >= 0)), self.fitted
         zeros = self._zeros_of(rows)
@@ -500,17 +500,17 @@ class CalibrationState:
         return new if compared is None or compared.holds else old
 
     def check_on_blind_stars(self, site=None):
-        """The active model before blind stars that came after the diagnosis that has made it.
+        """Test the active model on blind stars observed after its diagnosis.
 
         Parameters
         ----------
         site : dict, optional
-            As of `find_effects`.
+            See `find_effects`.
 
         Returns
         -------
         NightDiagnosis
-            Of what is active from now on: the model before, where the new one is worse.
+            With the model that is active from now on: the earlier one if the new one is worse.
 
         Raises
         ------
@@ -531,7 +531,7 @@ class CalibrationState:
         return found
 
     def _check_encoders_again(self, rows):
-        """What the model explains is no alarm any more."""
+        """Repeat the encoder cross-check: errors that the model explains are no alarms any more."""
         if self.report is not None:
             self.report = {
                 **self.report, 'verdict': self._diagnosis.document['verdict'],

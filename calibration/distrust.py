@@ -12,9 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Observations that are not to be used because an instrument lied, and models that are not to be
-published because of what is known against them.
-"""
+"""Observations rejected for instrument faults, and models not published for contradictions."""
 
 import numpy as np
 
@@ -23,35 +21,35 @@ from pointing_model.rms import sigma_of
 
 from .analysis.camera_faults import SAME_ROWS, frozen_rows, turned_rows
 
-#: so large a part of the observations that is not to be trusted speaks against all of them
+#: if more than this part of the observations is faulty, none is used
 MOST_DISTRUSTED = 1.0 / 3.0
-#: RMS on stars held out, in units of the noise that the fit itself found, beyond which an alarm
-#: and the model cannot both be lived with
+#: RMS on held-out stars, over the noise of the fit, above which a model with an alarm is not
+#: published
 CONTRADICTED = 10.0
 
 TURNED_CAMERA = 'what the camera measured fits the pointing with {} alone'
 FROZEN_CAMERA = 'the camera said the same miss distance in {} observations in a row or more'
-#: rows from which their scatter tells something
+#: fewest rows whose scatter is meaningful
 _FEW = 8
-#: noise of a centroid that the air leaves, 1 sigma of an axis, rad: image motion in short exposures
+#: least noise of a centroid from seeing, 1 sigma of an axis, rad: image motion in short exposures
 #: in seeing of 0.8" (r0 = 126 mm) through 4 m, 0.42 wavelength D^(-1/6) r0^(-5/6)
-#: (Martin 1987, PASP 99, 1360). Smaller telescopes see more; exposures of many seconds less.
+#: (Martin 1987, PASP 99, 1360). Smaller telescopes have more; exposures of many seconds less.
 AIR = 0.2 * ARCSEC
 
 
 def distrusted(rows):
-    """Rows that an instrument has falsified, by what it says itself.
+    """Rows falsified by an instrument fault, as its own readings show.
 
     Parameters
     ----------
     rows : PointingRun
-        In the order in which they were taken. Only those of an observer are tested, which have
-        the column ``encoder_start``: in a file zeros may stand for what was not measured.
+        In the order in which they were taken. Only rows of an observer, with the column
+        ``encoder_start``, are tested: in a file a zero may mean "not measured".
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        Of a camera that was frozen, or that was mirrored or turned amid the night.
+        True for rows of a camera that was frozen, or mirrored or rotated during the night.
     """
     return np.logical_or.reduce([np.zeros(len(rows), bool), *(bad for bad, _ in _faults(rows))])
 
@@ -61,14 +59,14 @@ def _is_of_observer(rows):
 
 
 def _faults(rows):
-    """Masks of the rows that an instrument has falsified, and how it has, in words."""
+    """Masks of the rows falsified by an instrument, and the fault, in words."""
     if not _is_of_observer(rows):
         return []
     frozen = frozen_rows(rows['miss_x'], rows['miss_y'])
     out = [(frozen, FROZEN_CAMERA.format(SAME_ROWS))]
     if 'run' in rows:
         turned = np.zeros(len(rows), bool)
-        # a satellite is off by its elements
+        # not satellites: their orbital elements are in error
         stars = np.flatnonzero((np.asarray(rows.get('star', turned)) >= 0) & ~frozen)
         turned[stars], sense = turned_rows(rows.select(stars))
         out.append((turned, TURNED_CAMERA.format(sense)))
@@ -76,28 +74,28 @@ def _faults(rows):
 
 
 def reasons(rows):
-    """What `distrusted` says of the rows, sentences; empty where all can be used."""
+    """Why rows are `distrusted`, sentences; empty where all can be used."""
     return [f'{len(bad)} of {len(rows)} observations left out, rows {bad[0]} to {bad[-1]}: {why}'
             for bad, why in ((np.flatnonzero(mask), why) for mask, why in _faults(rows))
             if len(bad)]
 
 
 def notes_of(rows):
-    """What the miss distances give away: `reasons`, and a camera that sees less than the air.
+    """`reasons`, and a note if the miss distances scatter less than seeing allows.
 
-    A camera that always says about the same makes a fit that looks too good: it gives back the
-    model by which the mount was pointed, and what is left is the noise of the encoders. A long
-    exposure through steady air may do as well, so the rows are used, and it is reported.
+    A camera that always reports about the same makes a fit look too good: the fit returns the model
+    by which the mount was pointed, with residuals as small as the noise of the encoders. Long
+    exposures in steady air may scatter as little, so the rows are used, and the note is given.
 
     Parameters
     ----------
     rows : PointingRun
-        As for `distrusted`.
+        See `distrusted`.
 
     Returns
     -------
     list of str
-        Sentences; empty where there is nothing to say.
+        Sentences; may be empty.
     """
     out, bad = reasons(rows), distrusted(rows)
     if not _is_of_observer(rows):
@@ -115,14 +113,14 @@ def notes_of(rows):
 
 
 def contradiction(rows, report=None):
-    """Why a model is not to be published; '' if it may be.
+    """Reason not to publish a model; '' if there is none.
 
     Parameters
     ----------
     rows : PointingRun
         All observations of the night: see `distrusted`.
     report : dict, optional
-        Of the fit, as `CalibrationState.fit` makes it; None before there is one.
+        Report of the fit, see `CalibrationState.fit`; None before the fit.
 
     Returns
     -------

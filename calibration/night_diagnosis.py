@@ -12,9 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A night's model, diagnosed on the night's own rows, with the effects found and the zeros to go
-with it.
-"""
+"""Diagnosis of a night's model on the night's rows, and the model amended with what is found."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -47,9 +45,9 @@ from .rows import stars_without_zeros
 
 FORMAT = 'telescope_mount/diagnosis'
 VERSION = 1
-#: verdict where effects were found, and none of them holds before rows that nothing has seen
+#: verdict if effects were found, but none is confirmed on held-out rows
 WITHHELD = 'withheld'
-#: verdict where blind stars found the amended model worse than the one before
+#: verdict if the amended model is worse than the earlier one on new blind stars
 TAKEN_BACK = 'taken_back'
 _WITHHELD_WORDS = 'Not published, since it does not hold on rows that it has not seen: {}.'
 _RANKED = 20
@@ -57,23 +55,23 @@ _RANKED = 20
 
 @dataclass
 class NightDiagnosis:
-    """What a model lacked, and the model with it.
+    """Diagnosis of a night, and the amended model.
 
     Attributes
     ----------
     start : ModelWithZeros
-        That was diagnosed, without the effects; its model is None where nothing was fitted.
+        The diagnosed model, without the effects; its model is None if nothing was fitted.
     chosen : ModelWithZeros
-        For pointing; `start` where nothing is to be added.
+        The model for pointing; `start` if nothing is added.
     model : PointingModel
-        That of `chosen`, with the provenance with which it is published.
+        Model of `chosen`, with its provenance for publication.
     document : dict
         JSON-ready: the keys of `Diagnosis.to_dict`, and ``applied`` (names of the effects in
-        `model`), ``aliases`` of each effect, ``kept_out`` (how many rows were there to judge by),
-        ``published`` (whether the model was changed), ``judgement`` (of the change, by rows that
-        nothing has seen), ``refused`` (``effects``, ``why``, ``judgement``, and ``found``: their
-        entries), ``ranking``, ``zeros_in_force``, ``notes``, and what it was made with:
-        ``alpha``, ``site_deg``, ``graduation`` (of the encoder, as it was declared).
+        `model`), ``aliases`` of each effect, ``kept_out`` (number of held-out rows),
+        ``published`` (whether the model was changed), ``judgement`` (comparison of the change on
+        held-out rows), ``refused`` (``effects``, ``why``, ``judgement``, and ``found``: their
+        entries), ``ranking``, ``zeros_in_force``, ``notes``, and the options ``alpha``,
+        ``site_deg``, ``graduation`` (of the encoder, as declared).
     diagnosis : Diagnosis
     """
 
@@ -86,39 +84,40 @@ class NightDiagnosis:
 
 def diagnose_night(rows, start, provenance=None, alpha=ALPHA, site=None, base='physical',
                    progress=None):
-    """Diagnose a night, and add what is found.
+    """Diagnose a night, and add the effects found to its model.
 
-    Stars alone are diagnosed, without the exposures for a zero: many rows in one direction would
-    make one small misfit there look like an effect. Rows kept out (`rows`) compare, with nothing
-    refitted: what does not hold before them is not published.
+    Only stars are diagnosed, not the exposures for a zero: with many rows in one direction a small
+    misfit there would look like an effect. The effects are tested on held-out rows (`rows`),
+    without refitting; effects that fail are not published.
 
     Parameters
     ----------
     rows : PointingRun
         All rows of the night, with columns `star` and `run`.
     start : ModelWithZeros
-        The fit; a power-on without a zero has that before it. With the verdict ``none`` it stays
-        as it is. Without a model the base that is diagnosed is fitted.
+        The fit; a power-on without a zero has the zero of the one before. With the verdict ``none``
+        it is unchanged. If it has no model, the base is fitted.
     provenance : dict, optional
-        Of the new model.
+        Provenance of the new model.
     alpha : float
-        Chance that a clean night gets any effect.
+        Family-wise error rate: probability of any effect on a night without any.
     site : dict, optional
-        ``latitude``, ``longitude``, rad; without it what follows the stars cannot be determined.
+        ``latitude``, ``longitude``, rad; without it effects that depend on hour angle or
+        declination cannot be determined.
     base : str
         The declared model, that of `start` (`diagnosis.base.Base.parse`). Its terms and
-        harmonics are fitted with the effects, so that what harmonics can hold is no effect; to
-        harmonics alone the physical terms are effects that may lack.
+        harmonics are refitted with the effects, so that an effect is only what harmonics cannot
+        fit. With a base of harmonics alone the physical terms are candidate effects.
     progress : callable, optional
-        As of `diagnosis.diagnose`.
+        See `diagnosis.diagnose`.
 
     Returns
     -------
     NightDiagnosis
-        An ambiguous verdict is applied with the best member of each set: all members predict
+        With an ambiguous verdict the best member of each set is applied: all members predict
         nearly the same where the night has observed, and the others are in ``alternatives``. A
-        linear drift in time goes on as far as `carried_on` allows, then holds. With the verdict
-        ``withheld`` the model of `start` stays.
+        linear drift in time is extrapolated as far as `carried_on` allows, then held. With the
+        verdict ``withheld`` the model of `start` stays.
 
     Raises
     ------
@@ -129,7 +128,7 @@ def diagnose_night(rows, start, provenance=None, alpha=ALPHA, site=None, base='p
     stars = stars_without_zeros(rows, zeros, site, follows)
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
-    # a service must answer soon: rows kept out compare beside the cross-validation
+    # one partition only, for a service must answer soon; held-out rows add a comparison
     search = partial(diagnose, base=base, alpha=alpha, sessions=0.0, partitions=1)
     result = search(stars, progress=progress)
     old = start if start.model is not None else ModelWithZeros(
@@ -152,7 +151,7 @@ def diagnose_night(rows, start, provenance=None, alpha=ALPHA, site=None, base='p
     document = _document(result, chosen is not old, len(blind), compared, refused)
     document['applied'], document['zeros_in_force'] = chosen.effect_names, chosen.zeros_document
     if refused:
-        # that of the active model
+        # the expected error is that of the active model
         document['expected'] = chosen.model.provenance.get('expected')
         document['after'] = {**document['before'], 'holdout_rms_arcsec': None}
         if chosen is not old:
@@ -177,29 +176,28 @@ def diagnose_night(rows, start, provenance=None, alpha=ALPHA, site=None, base='p
 
 
 def check_on_blind_stars(found, active, replaced, blind, stamp):
-    """A diagnosis tested by blind stars that came after its model was published.
+    """Test a diagnosis on blind stars observed after its model was published.
 
     Parameters
     ----------
     found : NightDiagnosis
-        The verdict of its `diagnosis` changes with the comparison.
+        The verdict of its `diagnosis` is updated.
     active : ModelWithZeros
     replaced : ModelWithZeros or None
-        What was active before.
+        The model active before.
     blind : BlindStars
-        Since `active` was published.
+        Those observed since `active` was published.
     stamp : int
-        Of the newest row, ns.
+        Stamp of the newest row, ns.
 
     Returns
     -------
     NightDiagnosis
-        With what is active from now on: where `active` is worse, `replaced`. In its document
+        With the model active from now on: `replaced` if `active` is worse. Its document has
         ``judged``: ``rows``, ``radial``, ``az``, ``el`` and ``worse`` of the comparison,
-        ``taken_back`` and ``why``. What is taken back is among ``refused``, and the verdict
-        says so.
+        ``taken_back`` and ``why``. Effects taken back are in ``refused``, and in the verdict.
     """
-    # by axis the change was tested before it was published; here it stands or falls
+    # single axes were compared before publication; here only the radial error decides
     compared = replaced and blind.compare(replaced, active)
     document, chosen = {**found.document, 'last_judged_ns': stamp}, active
     if compared is None:
@@ -221,7 +219,7 @@ def check_on_blind_stars(found, active, replaced, blind, stamp):
 
 
 def _without_effects(document, active, replaced, compared, why):
-    """What of a document is another where its effects are taken back."""
+    """Entries of a document that change if its effects are taken back."""
     names = active.effect_names or [FOLLOWS]
     return {
         'verdict': TAKEN_BACK, 'effects': [], 'published': False,
@@ -235,7 +233,7 @@ def _without_effects(document, active, replaced, compared, why):
 
 
 def _shifted(zeros, result, model):
-    """Zeros that go with `model`, whose index terms are the medians of the power-ons."""
+    """Zeros that belong to `model`, whose index terms are the medians of the power-ons."""
     terms = {int(float(name)): values for name, values in result.run_terms.items()}
     out = zeros.filled(terms, NO_ZERO)
     for number, own in terms.items():
@@ -246,7 +244,7 @@ def _shifted(zeros, result, model):
 
 
 def _document(result, published, kept, compared, refused):
-    """See `NightDiagnosis`; what was refused is no effect of it, and the verdict says so."""
+    """Document of a `NightDiagnosis`; refused effects are moved from ``effects`` to ``refused``."""
     for entry in refused:
         result.notes.append('not published: ' + entry['why'])
     if refused:

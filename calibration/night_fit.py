@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The fit of a night to its own rows, and the report of it."""
+"""The fit of a night's model to its rows, and the report of the fit."""
 
 from dataclasses import dataclass
 
@@ -43,18 +43,17 @@ class NightFit:
     Attributes
     ----------
     observed, rows : PointingRun
-        That fits may see, as they were observed; as they were fitted, without what the counts
-        have drifted.
+        Rows available to fits: as observed, and as fitted (corrected for drift of the counts).
     follows : Following
-        Which zeros follow the absolute encoder for it.
+        Zeros that follow the absolute encoder, for that correction.
     terms : FitResult
-        The terms, and the zero of each power-on that belongs to them.
+        The terms, and their zero of each power-on.
     chosen : FitResult
-        The harmonics where some were asked for, else `terms`.
+        The harmonics if requested, else `terms`.
     harmonics : dict or None
-        What the report says of them.
+        Their entry in the report.
     misfits : int
-        Rows that are outliers to the harmonics alone.
+        Rows that are outliers of the harmonics but not of the terms.
     notes : list of str
     """
 
@@ -74,36 +73,36 @@ class NightFit:
 
 
 def first_zeros(zeros, rows):
-    """Zero of each power-on by its exposures; where there is none, the one before it."""
+    """Zero of each power-on from its exposures; without any, that of the power-on before."""
     return zeros.carried(map(int, np.unique(rows['run'])), first=NO_ZERO)
 
 
 def recipe_of(zeros, rows):
-    """The zero of the first power-on by its exposures, those after it from there on."""
+    """`Recipe` with the first power-on's zero from its exposures; later zeros are fitted to it."""
     return Recipe(first_zeros(zeros, rows)[rows['run'].min()])
 
 
 def fit_terms_of(zeros, rows):
-    """Terms, and the zero of each power-on that belongs to them, a FitResult."""
+    """Fit the terms, and their zero of each power-on; a FitResult."""
     check_columns(rows.select(~is_for_zero(rows)))
     return recipe_of(zeros, rows).terms(rows)
 
 
 def fit_night(observations, zeros, harmonics, seed):
-    """Fit the terms, and the harmonics that were asked for.
+    """Fit the terms, and the harmonics if requested.
 
-    The terms are fitted together with the change of the zero from power-on to power-on, to
-    stars and exposures for the zero alike: these fix most of the change, the stars help.
+    The terms and the change of the zero from power-on to power-on are fitted together, to stars
+    and exposures for the zero: the exposures determine most of the change, the stars the rest.
 
     Parameters
     ----------
     observations : PointingRun
-        All of the night.
+        All observations of the night.
     zeros : Zeros
-        By their exposures alone.
+        From the exposures for a zero alone.
     harmonics : HarmonicChoice
     seed : int
-        Of the choice of the stars that are held out.
+        Random seed for the choice of held-out stars.
 
     Returns
     -------
@@ -133,17 +132,17 @@ def fit_night(observations, zeros, harmonics, seed):
 
 
 def report_of(night, zeros, reference, harmonics, seed, notes):
-    """What a fit says, and each kind of model on stars that it did not see.
+    """Report of a fit, with the errors of each kind of model on held-out stars.
 
     Parameters
     ----------
     night : NightFit
     zeros, harmonics, seed
-        With which it was made.
+        The arguments of its `fit_night`.
     reference : PointingModel or None
-        Of an earlier night.
+        Model of an earlier night.
     notes : list of str
-        Of what was before the fit.
+        Notes from before the fit.
 
     Returns
     -------
@@ -171,16 +170,15 @@ def report_of(night, zeros, reference, harmonics, seed, notes):
 
 
 def expected_error(night, zeros, harmonics):
-    """Error to be expected on fresh stars, as `Diagnosis.expected`, or None.
+    """Expected error on new stars, as `Diagnosis.expected`, or None.
 
-    Where the zero of the newest power-on is as uncertain as a few stars leave it, with the variance
-    of that zero.
+    If the newest power-on has no exposures for its zero, the variance of that zero is added.
 
     Parameters
     ----------
     night : NightFit
     zeros, harmonics
-        With which it was made.
+        The arguments of its `fit_night`.
     """
     from .analysis.diagnosis.expected_error import expected_error_of_terms
     stars, newest = night.stars, night.chosen.zeros.newest
@@ -192,7 +190,7 @@ def expected_error(night, zeros, harmonics):
         return expected
     more = float(np.mean(np.cos(stars['el'])**2) * newest.sigma[0]**2
                  + newest.sigma[1]**2) / ARCSEC**2
-    # it exceeds three times as much in one case of twenty where both axes are as uncertain, in one
-    # of twelve where one is alone
+    # the squared error exceeds 3 times this variance in 1 of 20 cases if both axes are as
+    # uncertain, in 1 of 12 if only one is
     return {**expected, 'rms_arcsec': float(np.sqrt(expected['rms_arcsec']**2 + more)),
             'high_arcsec': float(np.sqrt(expected['high_arcsec']**2 + 3.0 * more))}

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nights in a row: the zero and the stars of each are tested by the model of an earlier one.
+"""A series of nights: the zero and the stars of each are tested with the model of an earlier night.
 
-Paper 000, section 2: coefficients of two nights before correct the stars of tonight, before and
-after the zero calibration. Each power-on is a night here.
+Paper 000, section 2: coefficients from two nights before correct tonight's stars, before and after
+the zero calibration. Each power-on is a night here.
 """
 
 from contextlib import suppress
@@ -40,20 +40,20 @@ from .calibration_state import NO_HARMONICS, CalibrationState
 from .report.wording import worded
 from .rows import for_fitting, is_kept_out, zero_exposures_by_power_on
 
-#: the kinds of model, in the order of the report; the last where the model that is published, to
-#: which zeros are relative, has harmonics
+#: kinds of model, in the order of the report; the last if the published model, to which zeros are
+#: relative, has harmonics
 PHYSICAL_TERMS, HARMONICS_ONLY, PUBLISHED = 'physical', 'harmonics', 'published'
 
 
 def state_of(parameters, reference=None):
-    """The state of a calibration with such parameters.
+    """The state of a calibration with given parameters.
 
     Parameters
     ----------
     parameters : dict
-        Of the node, or some of them.
+        Parameters of the node, or some of them.
     reference : PointingModel, optional
-        Of an earlier night.
+        Model of an earlier night.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def state_of(parameters, reference=None):
     Raises
     ------
     ValueError
-        They contradict each other.
+        Parameters contradict each other.
     """
     age, mode = parameters.get('reference_age', 0), parameters.get('mode', BATCH)
     common = (reference, parameters.get('split_seed', 1), choice_of(parameters),
@@ -77,33 +77,34 @@ def state_of(parameters, reference=None):
 
 @dataclass
 class _Night:
-    """What is kept of a night: later ones are relative to it."""
+    """Results of a night that later nights refer to."""
 
-    models: dict = field(default_factory=dict)  # kind -> (PointingModel, zero active with it)
-    row: dict | None = None  # of the report's `nights`
-    encoder_zeros: object = None  # as of `CalibrationState`
+    models: dict = field(default_factory=dict)  # kind -> (PointingModel, its active zero)
+    row: dict | None = None  # entry in the report's `nights`
+    encoder_zeros: object = None  # see `CalibrationState`
 
 
 class NightSeries(CalibrationState):
-    """The state of night after night, each a power-on of its own.
+    """State of a series of nights, one power-on each.
 
     Parameters
     ----------
     age : int
-        The reference of a night is the model of so many power-ons before: 2 in the paper.
+        The reference of a night is the model of this number of power-ons before: 2 in the paper.
     first : PointingModel, optional
-        Reference of the nights that have none.
+        Reference of nights that have none in the series.
     split_seed : int
-        Of the choice of the stars that are held out.
+        Random seed for the choice of held-out stars.
     harmonics : HarmonicChoice
-        Of the models that are published; by default none.
+        Harmonics in the published models; by default none.
     power_ons : int
-        Nights that are kept, the last ones; what the zeros of all have followed is kept. 0: all.
+        Number of nights, the last ones, that are kept; 0: all. The log of all zeros and their
+        causes is always kept.
 
     Raises
     ------
     ValueError
-        So few that the reference of a night would be none of them.
+        `power_ons` is so small that the reference of a night would not be kept.
     """
 
     def __init__(self, age, first=None, split_seed=1, harmonics=NO_HARMONICS, power_ons=0):
@@ -132,22 +133,22 @@ class NightSeries(CalibrationState):
         self._begin(reference, yesterday and yesterday.encoder_zeros, number)
 
     def _then(self, number, kind):
-        """The model of a kind that `number` is relative to, and its zero; None where is none."""
+        """The reference model of a kind for night `number`, and its zero; None if there is none."""
         old = self._nights.get(number - self._age)
         if old is not None and old.models:
             return old.models.get(kind, (None, None))
         return (self._first if kind == self._own else None), active_zero(self._first)
 
     def add_table(self, run, stamp):
-        """Take the table of all rows so far, if there is more in it than here.
+        """Add the table of all rows so far, if it has more rows.
 
-        Where rows are missing that are not the last ones, the nights of the table that are over
-        are calibrated and fitted again: their models are the references of those to come.
+        If rows other than the last ones were missing, the past nights of the table are calibrated
+        and fitted again, for their models are the references of later nights.
 
         Returns
         -------
         int
-            As of `CalibrationState.add_table`.
+            See `CalibrationState.add_table`.
         """
         known, (_, new) = len(self.rows), self.rows.missing(run)
         count = self._take(self.rows.add_table, run, stamp)
@@ -160,7 +161,7 @@ class NightSeries(CalibrationState):
         self.season.clear_zeros(numbers)
         for number in numbers:
             self._begin_night(number)
-            # tonight's zero too, if it had been: a table may overtake the last row before the fit
+            # tonight's zero too if it was known: a table may overtake the last row before the fit
             if number != numbers[-1] or number in calibrated:
                 with suppress(ValueError):
                     self.calibrate_zero()
@@ -170,30 +171,31 @@ class NightSeries(CalibrationState):
         return count
 
     def fit(self, homings=()):
-        """Fit tonight, and test tonight's stars by the model of the earlier night.
+        """Fit tonight's rows, and test tonight's stars with the model of the earlier night.
 
         Parameters
         ----------
         homings : iterable of cross_check.Homing
-            What the incremental encoders say of themselves.
+            Reported by the incremental encoders.
 
         Returns
         -------
         model : PointingModel
-            Of tonight. Later nights keep it as their reference, without the effects that a
-            diagnosis adds: what follows the time of one night says nothing about another.
+            Tonight's model. Later nights use it as reference without the effects that a diagnosis
+            adds: a dependence on time in one night does not carry over to another.
         report : dict
-            As of `CalibrationState.fit`; ``nights`` holds a row for every night so far that
-            has a reference and a zero, ``power_ons`` one (of `season.season_rows`) for every
-            power-on with a zero, ``zero_causes`` what these follow (`zero_causes.zero_causes`),
-            and ``zero_expected`` what was expected of tonight's before (`SeasonLog.expected`).
+            See `CalibrationState.fit`; in addition ``nights``, a row for every night so far with
+            a reference and a zero; ``power_ons``, a row (of `season.season_rows`) for every
+            power-on with a zero; ``zero_causes``, the causes of these zeros
+            (`zero_causes.zero_causes`); and ``zero_expected``, the prediction of tonight's zero
+            (`SeasonLog.expected`).
 
         Raises
         ------
         ValueError
             Too few stars.
         Contradiction
-            As of `CalibrationState.fit`.
+            See `CalibrationState.fit`.
         """
         model, report = super().fit(homings)
         number, night, rows = self.number, self._nights[self.number], self.observations()
@@ -213,7 +215,7 @@ class NightSeries(CalibrationState):
             'notes': [*report['notes'], *([f'the nights are {kept}'] if kept else [])]}
 
     def _season_of(self, number, rows, model):
-        """What the zeros of the season follow, and how well tonight's was expected."""
+        """Causes of the zeros of the season, and the prediction of tonight's zero."""
         expected = self.expect()
         exposures = dict(zero_exposures_by_power_on(rows))
         if number in exposures:
@@ -225,7 +227,7 @@ class NightSeries(CalibrationState):
                 'zero_expected': expected}
 
     def expect(self):
-        """The zero of tonight before Polaris is seen, from the nights before.
+        """Predict tonight's zero from earlier nights, before Polaris is observed.
 
         Returns
         -------
@@ -270,7 +272,7 @@ class NightSeries(CalibrationState):
 def _means(model, stars, zero):
     """Mean, scatter and RMS of the stars' residuals, arcsec.
 
-    ``az`` is the coordinate angle, as the paper's table 1 is read here; ``x`` is it on the sky.
+    ``az`` is the encoder angle (our reading of the paper's table 1); ``x`` the same on the sky.
     """
     x, y = (v / ARCSEC for v in model.residuals(stars, zero=zero))
     az = x / np.cos(stars['el'])
@@ -285,10 +287,11 @@ def _means(model, stars, zero):
 
 
 def _budget(model, zero, exposed, stars):
-    """1-sigma of the two means after calibration, as the errors of all that went in predict it.
+    """1-sigma of the two means after calibration, predicted from the error budget.
 
-    The exposures for the zero, the scatter of the stars, and what the reference model's covariance
-    leaves between the place of Polaris (or of the stars for the zero) and the mean of the stars.
+    Contributions: the exposures for the zero, the scatter of the stars, and the covariance of the
+    reference model for the difference between the place of Polaris (or of the stars for the zero)
+    and the mean of the stars.
     """
     names = tuple(model.terms)
     at_stars, at_zero = (mean_columns(names, run['az'], run['el'], run.mount)
@@ -296,7 +299,7 @@ def _budget(model, zero, exposed, stars):
     if is_marked(exposed).any():
         at_zero = zero.contained(names)
     change = at_stars - at_zero
-    # the zero's covariance has that of the model there, which cancels but for `change`
+    # the zero's covariance includes that of the model there, which cancels but for `change`
     exposures = zero.covariance - at_zero @ model.covariance @ at_zero.T
     x, y = model.residuals(stars, zero=zero)
     az = x / np.cos(stars['el'])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What may be published: a model that holds before rows that nothing has seen."""
+"""Which model may be published: one that is not worse on held-out rows."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -34,14 +34,14 @@ NOT_COMPARED = (f'not judged before it was published: fewer than {FEWEST} rows t
 
 
 class ModelWithZeros(NamedTuple):
-    """A model, the zeros that go with it, and which of these follow the absolute encoder."""
+    """A model, its zeros, and which of these follow the absolute encoder."""
 
     model: PointingModel
     zeros: Zeros
     follows: Following = Following()
 
     def published(self, **provenance):
-        """The model with all that whoever points with it must know."""
+        """The model with provenance that has all that is needed to point with it."""
         follows = {FOLLOWS: self.follows.document()} if self.follows else {}
         return replace(self.model, provenance={
             **self.model.provenance, **provenance, 'zeros_in_force': self.zeros_document,
@@ -49,27 +49,27 @@ class ModelWithZeros(NamedTuple):
 
     @property
     def effect_names(self):
-        """Of its effects."""
+        """Names of its effects."""
         return [e.effect.name for e in self.model.effects]
 
     @property
     def axes(self):
-        """On which its effects act, of ``az`` and ``el``."""
+        """Axes on which its effects act, of ``az`` and ``el``."""
         acting = {e.effect.axes for e in self.model.effects}
         return tuple(axis for axis in ('az', 'el') if acting & {axis, 'both'})
 
     @property
     def zeros_document(self):
-        """The zeros as a document has them."""
+        """The zeros in the form of a document."""
         return Zeros(self.zeros[number] for number in sorted(self.zeros)).to_list()
 
     def residuals(self, rows, site=None):
-        """What it leaves of all rows of a night with nothing refitted, shape (2, n), rad."""
+        """Residuals of all rows of a night, without refitting, shape (2, n), rad."""
         seen = without_zeros(self.follows.corrected(rows), self.zeros, site)
         return np.array(self.model.residuals(seen))
 
     def predicts_as(self, other):
-        """Whether both predict the same."""
+        """Whether both make the same predictions."""
         def predicted(one):
             series = one.model.harmonics
             return (one.model.terms, one.zeros_document, one.follows.document(),
@@ -79,12 +79,12 @@ class ModelWithZeros(NamedTuple):
 
 
 def carried_on(model, stars):
-    """The model with its drifts in time going on as far as the night has shown.
+    """The model with its linear drifts in time extrapolated as far as the night supports.
 
-    `diagnose` holds a driver at its value soon after the last row. The stars of tonight come
-    after it: a linear drift goes on for as long as stretches left out at the end were predicted
-    better with it, and is held from the last row on where they were not. One with the square of
-    time would run away, and is always held.
+    `diagnose` holds a driver constant soon after the last row, but tonight's stars come later. A
+    linear drift is extrapolated for as long as it has improved the prediction of held-out stretches
+    at the end of the night, and held from the last row on if it has not. A drift with the square of
+    time would diverge, and is always held.
     """
     if 'time' not in stars or not any(map(is_drift, model.effects)):
         return model
@@ -96,16 +96,16 @@ def carried_on(model, stars):
 
 
 class BlindStars:
-    """Stars that were kept out of fits and choices, in order of time, to compare models by.
+    """Stars held out from fits and selections, in order of time, to compare models.
 
     Parameters
     ----------
     rows : PointingRun
-        All of the night.
+        All rows of the night.
     site : dict, optional
         ``latitude``, ``longitude``, rad.
     since : int
-        Rows before this one are left out.
+        Index of the first row used.
     """
 
     def __init__(self, rows, site=None, since=0):
@@ -117,31 +117,31 @@ class BlindStars:
         return int(np.count_nonzero(self._mask))
 
     def residuals(self, candidate):
-        """What a `ModelWithZeros` leaves of them with nothing refitted, shape (2, n), rad."""
-        # what a row inherits from the one before it needs all rows
+        """Their residuals from a `ModelWithZeros`, without refitting, shape (2, n), rad."""
+        # computed with all rows, for a row may depend on the one before
         return candidate.residuals(self._rows, self._site)[:, self._mask]
 
     def compare(self, before, after, axes=()):
-        """Two `ModelWithZeros`, a PairedComparison; None where the stars are too few."""
+        """PairedComparison of two `ModelWithZeros`; None where there are too few stars."""
         if len(self) < FEWEST:
             return None
         return compare_residuals(self.residuals(before), self.residuals(after), axes)
 
 
 class AmendmentComparison:
-    """Compares a model with the active one, on rows that neither fit nor choice has seen.
+    """Compares a model with the active one on held-out rows.
 
-    The blind stars, where there are enough of them. Otherwise some of the rows of the night are
-    left out, and fit and search are repeated without them.
+    These are the blind stars if there are enough. Otherwise some rows of the night are held out,
+    and fit and search are repeated without them.
 
     Parameters
     ----------
     blind : BlindStars
     stars : PointingRun
-        Those that were diagnosed.
+        The diagnosed stars.
     active : ModelWithZeros
     diagnose : callable
-        ``diagnose(stars)`` repeats fit and search, a `Diagnosis`.
+        ``diagnose(stars)`` repeats fit and search; returns a `Diagnosis`.
     """
 
     def __init__(self, blind, stars, active, diagnose):
@@ -149,11 +149,11 @@ class AmendmentComparison:
         self._diagnose, self._trial = diagnose, None
 
     def __call__(self, candidate):
-        """A PairedComparison; None where nothing is there to compare by."""
+        """PairedComparison with the active model; None where there are too few rows."""
         try:
             return self._blind.compare(self._active, candidate, candidate.axes) \
                 or self._without(candidate)
-        except ValueError:  # too few rows, of the blind ones or of those to be left out
+        except ValueError:  # too few rows, blind or held out
             return None
 
     def _without(self, candidate):
@@ -163,7 +163,7 @@ class AmendmentComparison:
         seen = self._stars.select(~hidden)
         if self._trial is None:
             self._trial = self._diagnose(seen)
-        # what is not found without these rows is at least fitted without them
+        # if no effect is found without these rows, refit all of them without these rows
         effects = [e for e in self._trial.model.effects
                    if e.effect.name in candidate.effect_names] or candidate.model.effects
         models = [refitted(self._trial.base_model, self._stars, own, ~hidden)[0]
@@ -174,20 +174,20 @@ class AmendmentComparison:
 
 
 def publishable(base, whole, strength, stars, zeros, comparison):
-    """The amended model, or as much of it as holds.
+    """The amended model, or the part of it that is not worse than the active one.
 
-    Where the whole does not hold, it is tried without the effects of the axis that it makes
-    worse, then without one of them, the weakest first, then without several.
+    If the whole is worse, it is tried without the effects on the axis that it makes worse, then
+    without one effect, the weakest first, then without several.
 
     Parameters
     ----------
     base, whole : ModelWithZeros
         The active model, and the amended one.
     strength : dict of str to float
-        How well each effect of `whole` is founded.
+        Gain in BIC of each effect of `whole`.
     stars : PointingRun
-        To which parts of it are fitted again, `zeros` taken off, corrected for what the zeros
-        follow.
+        Stars to refit parts of the model, with `zeros` subtracted and corrected for the zeros that
+        follow the absolute encoder.
     zeros : Zeros
     comparison : callable
         ``comparison(candidate)`` gives a PairedComparison against `base`, or None.
@@ -195,9 +195,10 @@ def publishable(base, whole, strength, stars, zeros, comparison):
     Returns
     -------
     chosen : ModelWithZeros
-        `base` where nothing holds.
+        `base` if every candidate is worse.
     compared : PairedComparison or None
-        Of `chosen`; of `whole` where nothing holds; None where there was nothing to judge by.
+        Comparison of `chosen`; of `whole` if every candidate is worse; None if there were too few
+        rows to compare.
     refused : list of dict
         ``effects`` (their names), ``why`` (a sentence) and ``judgement``.
     """
@@ -213,7 +214,7 @@ def publishable(base, whole, strength, stars, zeros, comparison):
 
 
 def _left_out(whole, compared, strength):
-    """Sets of names to try without, some effects being left each time."""
+    """Sets of effect names to remove in turn; some effects always remain."""
     names = sorted(dict.fromkeys(whole.effect_names), key=lambda name: strength.get(name, 0.0))
     tried = []
     for axis in compared.worse:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The rows of a calibration: those of the last power-ons, one after the other."""
+"""The rows of a calibration, of the last power-ons, in order."""
 
 import numpy as np
 
@@ -25,32 +25,32 @@ from .rows import by_power_on, check_mount, with_marks
 class RowTable:
     """Rows of one mount, a block for each power-on.
 
-    Of its columns those are given that all rows have.
+    Columns are those that all rows have.
 
     Parameters
     ----------
     power_ons : int
-        So many are kept, the last ones, by the column ``run``; 0: all.
+        Number of power-ons (column ``run``), the last ones, whose rows are kept; 0: all.
 
     Attributes
     ----------
     last_stamp : int
-        Of the newest row, ns; 0 before the first.
+        Stamp of the newest row, ns; 0 before the first.
     forgotten : int
-        Rows of earlier power-ons, which are here no more.
+        Number of dropped rows, of earlier power-ons.
     """
 
     def __init__(self, power_ons=0):
         self.power_ons = power_ons
         self.last_stamp = self.forgotten = 0
-        self._blocks = {}  # number of the power-on -> its rows, and the stamp with which each came
+        self._blocks = {}  # number of the power-on -> its rows, and the stamp of each on arrival
 
     def __len__(self):
         return sum(len(rows) for rows, _ in self._blocks.values())
 
     @property
     def power_on_numbers(self):
-        """Of those that have rows, ascending."""
+        """Numbers of the power-ons with rows, ascending."""
         return sorted(self._blocks)
 
     @property
@@ -61,23 +61,23 @@ class RowTable:
 
     @property
     def mount(self):
-        """That of the rows; None before the first."""
+        """`Mount` of the rows; None before the first."""
         return next((rows.mount for rows, _ in self._blocks.values()), None)
 
     @property
     def taken(self):
-        """How many rows are here, and how many were, `msg_tools.status_rows.Taken`."""
+        """Numbers of rows kept and dropped, a `msg_tools.status_rows.Taken`."""
         return Taken(len(self), self.power_ons, self.forgotten, self.last_stamp)
 
     def add(self, run, stamp):
-        """Take rows; those that are not newer than those here are known already.
+        """Add rows; those not newer than the newest row are ignored as known.
 
         Parameters
         ----------
         run : PointingRun
             With columns `star` and `run`.
         stamp : int
-            Of the newest row, ns.
+            Stamp of the newest row, ns.
 
         Raises
         ------
@@ -100,24 +100,24 @@ class RowTable:
                 self.forgotten += len(self._blocks.pop(number)[0])
 
     def add_table(self, run, stamp):
-        """Take the table of all rows so far, if there is more in it than here.
+        """Add the table of all rows so far, if it has more rows.
 
         Parameters
         ----------
         run : PointingRun
-            All rows of the night, or of its last power-ons: what is here of earlier ones stays.
+            All rows of the night, or of its last power-ons; rows of earlier ones are kept.
         stamp : int
-            Of the newest row, ns.
+            Stamp of the newest row, ns.
 
         Returns
         -------
         int
-            How many rows were not here.
+            Number of new rows.
 
         Raises
         ------
         ValueError
-            As of `add`.
+            See `add`.
         """
         count, new = self.missing(run)
         if stamp < self.last_stamp or count <= 0:
@@ -131,12 +131,12 @@ class RowTable:
         return count
 
     def last_of(self, table):
-        """The rows of a table that would be kept: those of its last power-ons."""
+        """The rows of a table that would be kept, of its last power-ons."""
         numbers = np.unique(table['run'])[-self.power_ons:]  # 0: all
         return table.select(np.isin(table['run'], numbers))
 
     def missing(self, table):
-        """Rows of a table that are not here.
+        """Rows of a table that are not known yet.
 
         Parameters
         ----------
@@ -146,14 +146,14 @@ class RowTable:
         Returns
         -------
         count : int
-            How many are missing; 0 or less: none.
+            Number of missing rows; 0 or less: none.
         rows : PointingRun or None
-            They, where they come after those that are here; None where some in between are missing.
+            The missing rows, if they follow the known ones; None if some in between are missing.
 
         Raises
         ------
         ValueError
-            As of `add`.
+            See `add`.
         """
         self._check(table)
         table = self.last_of(table)
@@ -173,14 +173,14 @@ class RowTable:
         Parameters
         ----------
         until : int
-            Those alone that had come by that stamp (ns), if any had; 0: all.
+            Only rows received by that stamp (ns), if there were any; 0: all.
         number : int, optional
-            Those alone of that power-on.
+            Only rows of that power-on.
 
         Raises
         ------
         ValueError
-            There is none.
+            There are none.
         """
         self._check_any()
         numbers = self.power_on_numbers if number is None else [number]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which rows a fit may see, and which are there to validate it."""
+"""Which rows are used for fits, and which are held out to validate them."""
 
 from typing import NamedTuple
 
@@ -26,24 +26,24 @@ from pointing_model.zero import MARK, NO_ZERO, is_for_zero, is_marked
 from .distrust import distrusted
 from .estimation.robust import GROSS
 
-#: why a row is left out that no encoder angles belong to
+#: reason to exclude a row whose direction has no encoder angles
 UNREACHABLE = 'the model cannot point there'
-#: the same of a fitted model
+#: the same for a fitted model
 BEYOND_COLLIMATION = 'nearer to the zenith than the collimation lets the mount look'
-#: of one that the robust fit of a diagnosis gives no weight
+#: reason for a row without weight in the robust fit of a diagnosis
 OUTLIER = (f'outlier: more than {GROSS:g} times the noise away from the model, and not by '
            'whole lines of the encoder')
-#: rad: a sigma below was not measured, and its weight is no number
+#: rad: a smaller sigma was not measured, and its weight would overflow
 LEAST_SIGMA = 1e-12 * ARCSEC
-#: of the median sigma of an axis, that of a row which claims to be far better; part of the rows
-#: that may do so and are no instrument of their own
+#: floor of a sigma, over the median of its axis; largest part of the rows below it to be raised:
+#: more are a better instrument
 _FLOOR, _LONE = 0.2, 0.1
 
 
 def is_kept_out(rows):
-    """Mask of the rows to judge by: those whose column ``check`` is not 0.
+    """Mask of the held-out (validation) rows: those whose column ``check`` is not 0.
 
-    The observer marks a row when it takes it, so that nothing has to be guessed from the plan.
+    The observer marks each row when it is taken, so that nothing is guessed from the plan.
 
     Parameters
     ----------
@@ -57,13 +57,13 @@ def is_kept_out(rows):
 
 
 def for_fitting(rows):
-    """The rows that fits and choices may see: no satellites, nothing kept out, no lies.
+    """Rows for fits and selections: without satellites, held-out rows and falsified rows.
 
     Parameters
     ----------
     rows : PointingRun
         With column `star`; negative: a satellite, which is for checks only. In the order in which
-        they were taken: what an instrument falsified is left out, see `distrust`.
+        they were taken, to find rows falsified by an instrument, see `distrust`.
     """
     return rows.select((rows['star'] >= 0) & ~is_kept_out(rows) & ~distrusted(rows))
 
@@ -77,7 +77,10 @@ def by_power_on(rows):
 
 
 def zero_exposures_by_power_on(rows):
-    """Number and exposures for a zero, a PointingRun, of each power-on with some; no lies."""
+    """Yield number and exposures for a zero of each power-on that has some, a PointingRun.
+
+    Without falsified rows.
+    """
     for number, part in by_power_on(rows.select(is_for_zero(rows) & ~distrusted(rows))).items():
         yield int(number), part
 
@@ -91,7 +94,7 @@ def counts(rows):
 
 
 def with_marks(rows):
-    """The rows with the columns of marks: joined with others, they must not take theirs away."""
+    """The rows with all columns of marks: when rows are joined, only common columns remain."""
     missing = [name for name in ('check', MARK) if name not in rows]
     if not missing:
         return rows
@@ -100,12 +103,12 @@ def with_marks(rows):
 
 
 def stars_without_zeros(rows, zeros, site, follows):
-    """The rows that are diagnosed: stars that fits may see, with the zeros taken off.
+    """Rows for a diagnosis: stars available to fits, with the zeros subtracted.
 
     Parameters
     ----------
     rows, zeros, site
-        As of `without_zeros`.
+        See `without_zeros`.
     follows : Following
         Which zeros follow the absolute encoder.
     """
@@ -114,20 +117,20 @@ def stars_without_zeros(rows, zeros, site, follows):
 
 
 def without_zeros(rows, zeros, site=None):
-    """The rows with the zeros taken off, as `diagnose` wants them.
+    """The rows with the zeros subtracted, for `diagnose`.
 
     Parameters
     ----------
     rows : PointingRun
         With columns `star` and `run`.
     zeros : Zeros
-        A power-on without one has that before it.
+        A power-on without a zero has that of the one before.
     site : dict, optional
         ``latitude``, ``longitude``, rad.
     """
     columns = dict(rows.columns)
     az, el = zeros.carried(np.unique(rows['run'])).row_angles(rows)
-    # readings are what the encoders read: the zero and the star's place are no part of them
+    # `az_raw` and `el_raw` are plain readings: no zero subtracted, no miss of the star added
     for axis, zero, factor, miss in (('az', az, np.cos(rows['el']), 'miss_x'),
                                      ('el', el, 1.0, 'miss_y')):
         if f'{axis}_raw' not in columns:
@@ -139,22 +142,22 @@ def without_zeros(rows, zeros, site=None):
 
 
 class Usable(NamedTuple):
-    """Rows that a fit can use, and why it cannot use the others (see `usable`).
+    """Rows that a fit can use, and why others are excluded (see `usable`).
 
     Attributes
     ----------
     rows : ndarray of int, shape (m,)
-        Their places in the run.
+        Their indices in the run.
     az, el, az_enc, el_enc : ndarray, shape (m,)
-        Catalogue place, and encoder angles without their zero, radians; the first encoder angle
+        Catalogue place, and encoder angles less their zero, radians; the first encoder angle
         is within half a turn of the place.
     sigmas : ndarray, shape (2m,), or None
         1-sigma noise of x, then y, radians.
     excluded : list of dict
         ``row`` and ``reason`` of the others.
     raised : list of dict
-        ``row``, ``axis`` (x or y), ``given`` and ``taken`` of sigmas that are far below the
-        others', radians.
+        ``row``, ``axis`` (x or y), ``given`` and ``taken`` of sigmas that were raised because they
+        are far below the others, radians.
     """
 
     rows: np.ndarray
@@ -167,17 +170,17 @@ class Usable(NamedTuple):
     raised: list = ()
 
     def with_ratios(self, ratios):
-        """With the sigmas of x and y multiplied by what is above 1, as of `Estimate.ratios`."""
+        """With the sigmas of x and y multiplied by `Estimate.ratios` above 1."""
         return self if self.sigmas is None else self._replace(sigmas=self.sigmas * np.repeat(
             np.maximum(ratios, 1.0), len(self.rows)))
 
     @property
     def mild_sigmas(self):
-        """`mild_sigmas` of these."""
+        """`mild_sigmas` of `sigmas`."""
         return mild_sigmas(self.sigmas)
 
     def only(self, good, reason):
-        """Those where `good`, shape (m,), holds; the others are excluded with the reason."""
+        """Keep rows where `good`, shape (m,), is true; exclude the others with the reason."""
         if good.all():
             return self
         lost = [{'row': int(i), 'reason': reason} for i in self.rows[~good]]
@@ -192,10 +195,10 @@ def usable(run, encoder='enc', zero=NO_ZERO):
     Parameters
     ----------
     run : PointingRun
-        ``sigma_x`` and ``sigma_y`` are taken if both are there and not all unknown.
+        ``sigma_x`` and ``sigma_y`` are used if both exist and are not all unknown.
     encoder : {'enc', 'abs'}
     zero : PowerOnZero or Zeros
-        To subtract from the encoder's angles.
+        Subtracted from the encoder's angles.
 
     Returns
     -------
@@ -204,7 +207,7 @@ def usable(run, encoder='enc', zero=NO_ZERO):
     Raises
     ------
     ValueError
-        Unknown encoder, or the run does not have it; a run without a zero.
+        Unknown encoder, or one that the run lacks; a run without a zero.
     """
     if encoder not in ('enc', 'abs'):
         raise ValueError(f'unknown encoder {encoder!r}; take enc or abs')
@@ -244,16 +247,17 @@ def usable(run, encoder='enc', zero=NO_ZERO):
 
 
 def floored(sigmas, lone=True):
-    """Sigmas of an axis, those far below the others at a fifth of the median.
+    """Sigmas of an axis, with those far below the others raised to a fifth of the median.
 
-    A row that claims to be so much better than the others decides alone what it says, and what is
-    wrong with it is in the result in full.
+    A row with so small a sigma would dominate the fit, and its error would go into the result in
+    full.
 
     Parameters
     ----------
     sigmas : ndarray, shape (n,)
     lone : bool
-        Only where they are one row, or one of so many (`_LONE`): more are another instrument.
+        Raise them only if they are one row, or at most the part `_LONE` of all: more are another
+        instrument.
     """
     least = _FLOOR * float(np.median(sigmas)) if len(sigmas) else 0.0
     below = sigmas < least
@@ -264,10 +268,10 @@ def floored(sigmas, lone=True):
 
 
 def mild_sigmas(sigmas):
-    """Sigmas, shape (2n,), by which is decided what rows determine; None where none were given.
+    """Sigmas, shape (2n,), to decide which coefficients are determined; None where none are given.
 
-    None of them is far below the others, however many are: a few rows do not make columns equal
-    in which all others differ.
+    All far below the others are raised, however many: otherwise a few rows of high weight could
+    make columns look equal that differ in all other rows.
     """
     if sigmas is None:
         return None
@@ -275,13 +279,13 @@ def mild_sigmas(sigmas):
 
 
 def check_mount(mount, others):
-    """ValueError where observations are of another mount than what they are to go with.
+    """Raise ValueError if observations are of a different mount than other inputs.
 
     Parameters
     ----------
     mount : Mount
     others : dict of str to (Mount or None)
-        By what they are of, in words; None: not known.
+        Mounts by the name of the input, in words; None: not known.
     """
     for what, other in others.items():
         if other is not None and not mount.agrees(other):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Stars that the calibration of a night asks for, to discriminate between causes."""
+"""Stars requested by the calibration of a night, to discriminate between causes."""
 
 import json
 
@@ -23,19 +23,19 @@ from pointing_model.calibration_messages import CANNOT, CAUSES_FORMAT, CAUSES_VE
 from .report.wording import worded
 from .rows import stars_without_zeros
 
-#: that a star may be requested later; whether there is so much time knows who observes
+#: latest time of a requested star, in hours; only the observer knows whether there is so much time
 HOURS = 8.0
-#: rows beyond which each star would be tested too slowly to be worth it
+#: most rows: with more each test would be too slow
 MOST_ROWS = 2000
 
 
 class StarRequests:
-    """Tests the sets of causes of the last diagnosis with each star.
+    """Tests the sets of causes of the last diagnosis with each new star.
 
     Attributes
     ----------
     document : dict or None
-        How causes stand, and which star is requested: see `pointing_model.calibration_messages`.
+        State of the causes, and the requested star: see `pointing_model.calibration_messages`.
     """
 
     def __init__(self):
@@ -44,22 +44,22 @@ class StarRequests:
         self._diagnosed = self._forgotten = 0
 
     def news(self):
-        """`document` as JSON, once; '' where nothing is new."""
+        """`document` as JSON, only once; '' if nothing is new."""
         text, self._news = self._news, ''
         return text
 
     def begin(self, state, found, site, until=0):
-        """Take a diagnosis.
+        """Start with a diagnosis.
 
         Parameters
         ----------
         state : CalibrationState
-            Whose night it is of.
+            State of the diagnosed night.
         found : NightDiagnosis
         site : dict or None
-            As of `diagnose_night`.
+            See `diagnose_night`.
         until : int
-            As of `CalibrationState.find_effects`.
+            See `CalibrationState.find_effects`.
         """
         from .analysis.diagnosis.discrimination import Discrimination
         self._diagnosed, self._forgotten = until or state.last_stamp, state.rows.forgotten
@@ -69,7 +69,7 @@ class StarRequests:
             try:
                 self._causes = Discrimination(found.diagnosis, HOURS)
             except ValueError:
-                pass  # curves alone, or of changes: no set of causes
+                pass  # only curves or changes: no set of causes
             else:
                 self.update(state, until)
                 return
@@ -78,7 +78,7 @@ class StarRequests:
             f'{verdict}', 'request': None, 'sets': []})
 
     def update(self, state, until=0):
-        """Test the causes by all rows that have come, if they are still open."""
+        """Test the causes with all rows so far, if they are still undecided."""
         if self._causes is None:
             return
         try:
