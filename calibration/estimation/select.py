@@ -254,7 +254,7 @@ def second_look(problem, choice, without=()):
     """Compare each selected group with all candidates, the others fixed; replace or drop it."""
     for _ in range(_SWEEPS):
         changed, i, gains = False, 0, None
-        while i < len(choice.chosen) and len(choice.chosen) > 1:
+        while i < len(choice.chosen):
             one = choice.chosen[i]
             if not _may_go(choice, one) or one in choice.against_memory:
                 i += 1

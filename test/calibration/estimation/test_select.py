@@ -36,7 +36,7 @@ from calibration.estimation.folds import (
 )
 from calibration.estimation.group_columns import Basis, GroupColumns, orthonormal
 from calibration.estimation.linear_model import weighted_fit
-from calibration.estimation.select import choose, search
+from calibration.estimation.select import choose, search, second_look
 from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
 from calibration.estimation.significance import significance
 from msg_tools.units import ARCSEC
@@ -95,6 +95,17 @@ def test_state_ignores_gross_outliers_and_fills_their_residual():
     p, _ = problem.base.solver(WhiteNoise(np.ones(120)))(problem.b)
     exact, *_ = np.linalg.lstsq(problem.base.common.T, problem.b, rcond=None)
     assert np.allclose(p, exact, rtol=1e-8)
+
+
+def test_one_effect_alone_gives_way_to_a_better_one():
+    # the first was chosen at weights of the terms alone, which saw other outliers
+    def wave(c):
+        return np.array([0.0 * c.el, 6.0 * ARCSEC * np.cos(2.0 * c.az)])
+    problem = make_problem(5, signal=wave).plain
+    first = [CandidateGroup(index(problem, 'line_of_sight_2'))]
+    choice = ModelChoice(first, problem.fit(first))
+    second_look(problem, choice)
+    assert [c.effect(problem).name for c in choice.chosen] == ['elevation_nod_2']
 
 
 def test_leverage_correction_gives_the_noise_back():
