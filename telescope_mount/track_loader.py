@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tracks of satellites from files, the orbits beside them, and runs of stars to go with them."""
+"""Loads satellite tracks from files, with their orbits and the star runs to fit with them."""
 
 from dataclasses import dataclass, replace
 
@@ -38,14 +38,14 @@ _AIR = ('pressure', 'pressure_hpa'), ('temperature', 'temperature_c')
 
 @dataclass
 class MeasuredTracks:
-    """Rows of track files, n of them, and what they need to become `SatelliteTracks`.
+    """n rows of track files, and what is needed to make `SatelliteTracks` of them.
 
     Attributes
     ----------
     columns : dict of str to ndarray, shape (n,)
-        ``time``, ``az_enc``, ``el_enc``; of stars ``az``, ``el``.
+        ``time``, ``az_enc``, ``el_enc``; for stars ``az``, ``el``.
     names : ndarray of str, shape (n,)
-        Satellites; `STARS` of stars.
+        Names of the satellites; `STARS` for stars.
     orbits : dict of str to orbit
     site : Site
     weather : Weather
@@ -63,7 +63,7 @@ class MeasuredTracks:
     notes: list
 
     def tracks(self, shift=0.0, rows=slice(None)):
-        """`SatelliteTracks` with stamps `shift` seconds later, of some rows."""
+        """`SatelliteTracks` of some rows, with time stamps shifted later by `shift` seconds."""
         columns = {name: value[rows] for name, value in self.columns.items()}
         columns['time'] = columns['time'] + shift
         chosen = np.arange(len(self.names))[rows]
@@ -75,23 +75,23 @@ class MeasuredTracks:
 
 
 def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=None, mount=None):
-    """Read track files, orbits, and runs of stars.
+    """Read track files, orbits, and pointing runs of stars.
 
     Parameters
     ----------
     paths : sequence of Path
-        CSV with ``time``, the readings (``az_enc_deg``, ``el_enc_deg``, or as the mount has them)
-        and the camera's miss distance (``miss_x_arcsec``, ``miss_y_arcsec``) if there is one; or
-        without readings where the satellite was seen, ``az_deg``, ``el_deg`` or ``ra_deg``,
-        ``dec_deg`` (J2000) from stars in the field. A column ``satellite`` names it. Or logs, of
-        which stars count too.
+        CSV with ``time``, the readings (``az_enc_deg``, ``el_enc_deg``, or the names of the
+        mount) and the camera's miss distance (``miss_x_arcsec``, ``miss_y_arcsec``) if any; or
+        without readings the observed place of the satellite from stars in the field, ``az_deg``,
+        ``el_deg`` or ``ra_deg``, ``dec_deg`` (J2000). A column ``satellite`` names it. Or logs,
+        whose stars are used, too.
     orbit_paths : sequence of Path
     name : str, optional
-        The satellite of rows that do not name theirs.
+        The satellite of rows without a name.
     stars : sequence of Path
         Pointing runs of stars.
     site, weather, mount
-        As of `run_loader.load_run`.
+        See `run_loader.load_run`.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     Raises
     ------
     ValueError
-        One line: what is wrong with a file.
+        One line that says what is wrong with a file.
     """
     orbits, parts, notes = Orbits(orbit_paths), [], []
     weather = vars(weather) if isinstance(weather, Weather) else weather
@@ -145,7 +145,7 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
 
 
 def _site_of(parts, runs, path, given):
-    """The site. Its height, too, must be known: 500 m are 13" of a LAGEOS satellite."""
+    """The site. Its height must be known, too: 500 m are 13" for a LAGEOS satellite."""
     known = {}
     for one in (*(part.site for part in parts), *(known_site(run.meta) for run in runs)):
         known |= one
@@ -161,7 +161,7 @@ def _site_of(parts, runs, path, given):
 
 
 def _names_of(run, orbits, found):
-    """Satellites of the rows of a log, by their numbers; ValueError: there is no such orbit."""
+    """Satellites of the rows of a log, by number; ValueError if an orbit is missing."""
     by_number = {}
     for name in orbits.names:
         orbit = orbits.orbit(name)
@@ -184,7 +184,7 @@ def _orbit(orbits, found, name):
 
 
 def _measured(part, site, weather, mount, notes):
-    """Readings with the satellite centred, or where it was seen by the axes of the mount."""
+    """Readings with the satellite centred, or its observed place, in the axes of the mount."""
     cells, out = part.cells, {'time': part.cells['time']}
     try:
         air, said = air_of_rows(site.height, cells.get('pressure_hpa'), cells.get('temperature_c'),
@@ -212,7 +212,7 @@ def _measured(part, site, weather, mount, notes):
         miss = [np.nan_to_num(cells[one]) * ARCSEC if one in cells else np.zeros(len(az))
                 for one in ('miss_x_arcsec', 'miss_y_arcsec')]
         out['az_enc'], out['el_enc'] = centred(az, el, *miss, np.cos(el) < 0.0)
-        if any(one.any() for one in miss):  # on the sky, as it was taken into account
+        if any(one.any() for one in miss):  # on the sky, as applied
             out['miss_x'] = wrap(out['az_enc'] - az) * np.cos(el)
             out['miss_y'] = wrap(out['el_enc'] - el)
     elif 'az_deg' in cells:
@@ -231,7 +231,7 @@ def _star_columns(run, mount):
     if not np.isfinite(time).all():
         raise ValueError(f'{run.meta.get("source")}: stars beside tracks need the time of every '
                          'row (column time)')
-    # the zeros of a log's power-ons are taken off
+    # the zeros of a log's power-ons are already subtracted
     names = ('az', 'el', 'az_enc', 'el_enc', 'temperature', 'pressure',
              *([] if 'az_raw' in run else ['run']))
     return {name: np.asarray(run[name], float) for name in names if name in run} | {'time': time}

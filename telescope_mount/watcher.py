@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The command line's own node: watches the graph and keeps what it publishes last."""
+"""The command line's own node: watches the graph and keeps the last messages."""
 
 import time
 
@@ -35,20 +35,20 @@ class Watcher(GraphClient):
     domain : int
         ROS domain.
     environment : dict of str to str
-        That of the graph, from which DDS takes its settings.
+        Environment of the graph, from which DDS takes its settings.
     check : callable
-        Called while it waits; raises RuntimeError when the graph has failed.
+        Called while waiting; raises RuntimeError if the graph has failed.
 
     Attributes
     ----------
     latest : dict of str to message
-        By topic name, the last message of each of `KEPT`.
+        Last message of each topic in `KEPT`, by topic name.
     reports : GraphReports
-        Of all nodes.
+        Reports of all nodes.
     """
 
     KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.GUARD_STATUS)
-    #: grow with the night, and are wanted at its end: see `keep_results`
+    #: results that grow during the night and are needed at its end: see `keep_results`
     RESULTS = (topics.OBSERVATIONS, topics.MODEL, topics.CALIBRATION_REPORT, topics.ZERO,
                topics.ZERO_IDENTITY, topics.DIAGNOSIS, topics.CHECKS, topics.TRACKING)
 
@@ -71,11 +71,11 @@ class Watcher(GraphClient):
                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     def keep_results(self):
-        """Keep what the graph has found as well, from what each topic has now on."""
+        """Keep the results of the graph as well, starting with the present ones."""
         self._keep(self.RESULTS)
 
     def call(self, service, timeout=30.0):
-        """Call a Trigger service of the graph; asked again where the answer does not come.
+        """Call a Trigger service of the graph; the call is repeated if no answer comes.
 
         Returns
         -------
@@ -96,31 +96,31 @@ class Watcher(GraphClient):
         return answer.message
 
     def client(self, service):
-        """Of a Trigger service, always the same one: it takes a moment to find its server."""
+        """Client of a Trigger service, cached: discovery of its server takes a moment."""
         if service not in self._clients:
             self._clients[service] = self.node.create_client(Trigger, service)
         return self._clients[service]
 
     def wait_for_log(self, nodes, timeout):
-        """Wait until the logger has all that the nodes have published by now, and what they are.
+        """Wait until the logger has received all messages that the nodes have published so far.
 
-        A message that says "stop" would overtake data on other topics; sequence numbers do not.
+        A "stop" message could overtake data on other topics; sequence numbers cannot.
 
         Parameters
         ----------
         nodes : iterable of str
-            Full names of the nodes that publish, the logger among them.
+            Full names of the publishing nodes, including the logger.
         timeout : float
             Seconds.
 
         Returns
         -------
         dict of str to int
-            Topics of which messages are missing after `timeout` seconds; empty is good.
+            Topics with missing messages after `timeout` seconds; empty if complete.
         """
         name = f'{NAMESPACE}/mcap_logger'
-        # diagnostics that came since: each node reports at least once a second, and soon after it
-        # came to rest
+        # wait for new diagnostics: each node reports at least once a second, and soon after it has
+        # come to rest
         seen, rested = dict(self.reports), time.monotonic() + REST
 
         def silent():

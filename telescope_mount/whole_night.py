@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A whole night: start the graph, watch it, and put its results into one folder."""
+"""A whole night: start the graph, watch it, and collect its results in one folder."""
 
 import json
 import shutil
@@ -36,33 +36,33 @@ from .interrupt import noted, raise_noted
 from .night_files import add_truth, diagnosing, write_page, write_results
 from .simulation import kind_of_mount
 
-#: wall seconds without any progress after which a night is given up
+#: wall seconds without progress after which a night is given up
 STALL = 60.0
-#: the same of a diagnosis, which on a mount of several sides thinks for minutes between two words
+#: the same for a diagnosis, which for a two-sided mount may be silent for minutes
 THINKING = 1800.0
-#: s; what comes within is taken at once while nothing hangs on it
+#: s; messages are handled in batches of this length while nothing is urgent
 LEISURE = 0.02
 #: wall seconds after which a wait is reported
 REPORTED_AFTER = 1.5
-#: s within which a node reports again, also one that works hard
+#: s within which even a busy node reports again
 ANSWERED_IN = 10.0
-#: s that a mount may take to be homed before that is said to hold the night up
+#: s that homing may take before it is reported as a delay
 HOMES_IN = 30.0
-#: in the folder of a real mount's night: where its plan stands
+#: file in the folder of a real mount's night with the state of its plan
 STATE = 'plan_state.jsonl'
 
 
 class NightFailed(RuntimeError):
-    """The night could not be finished; the text is the one line for the user."""
+    """The night could not be finished; the text is one line for the user."""
 
 
 def prepare_folder(folder):
-    """Make the output folder, or refuse it.
+    """Create the output folder, or refuse it.
 
     Raises
     ------
     ValueError
-        It holds files already, or is one.
+        It has files already, or is a file.
     OSError
         It cannot be written.
     """
@@ -83,9 +83,9 @@ def run_night(out, *, stars=BLOCK_STARS, polaris=ZERO_EXPOSURES, reference=None,
     Parameters
     ----------
     out : Path
-        Folder for all that is written.
+        Folder for all output.
     stars, polaris, cycle
-        As of `telescope_mount.observing.plan.night_plan`.
+        See `telescope_mount.observing.plan.night_plan`.
     reference : Path, optional
         The model of an earlier night.
     domain_number : int, optional
@@ -93,22 +93,22 @@ def run_night(out, *, stars=BLOCK_STARS, polaris=ZERO_EXPOSURES, reference=None,
     params_file : Path, optional
         A ROS parameter file, read by every node after the values of the graph.
     progress : callable, optional
-        Called with (text, done, total) as the night goes on.
+        Called with (text, done, total) for progress.
     scenario : str
-        What is wrong with the simulated mount.
+        Errors of the simulated mount.
     mount : str
-        As of `graph.night_graph`; empty: the kind that the scenario is.
+        See `graph.night_graph`; empty: the kind of the scenario.
     track : str
         A step of the plan after the fit, such as ``track 1.5arcsec 90``.
     discrimination : str
-        As `track`, such as ``tell_apart 15``; before it is diagnosed.
+        A step like `track`, such as ``tell_apart 15``; preceded by a diagnosis.
     **graph
-        As of `graph.night_graph`: ``seed``, ``time_scale``, ...
+        See `graph.night_graph`: ``seed``, ``time_scale``, ...
 
     Returns
     -------
     dict
-        The calibration report of the night, with the ``files`` that were written.
+        The calibration report of the night, with the ``files`` written.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def run_night(out, *, stars=BLOCK_STARS, polaris=ZERO_EXPOSURES, reference=None,
     prepare_folder(folder)
     written = observe(folder, specs, plan, partial(write_results, folder), progress, domain_number,
                       params_file)
-    write_page(folder, written)  # before there is anything of the simulator's in the report
+    write_page(folder, written)  # before the simulator's truth is in the report
     add_truth(folder / 'bag_truth', written.report)
     return written.report
 
@@ -149,37 +149,37 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     Parameters
     ----------
     folder : Path
-        For the logs; `bag`, `bag_truth` and `nodes` come to lie in it.
+        Folder for the logs: `bag`, `bag_truth` and `nodes`.
     specs : list of graph.NodeSpec
-        The nodes, with the logger and the observer among them.
+        The nodes, including the logger and the observer.
     plan : str
-        That of the observer.
+        Plan of the observer.
     write : callable
-        ``write(latest)``, with the last message of each topic by its name, makes the files, and
-        gives a `Written`, which is returned.
+        ``write(latest)``, with the last message of each topic by name, writes the files and
+        returns a `Written`, which is returned.
     progress : callable, optional
-        Called with (text, done, total) as the plan goes on.
+        Called with (text, done, total) for progress.
     domain_number : int, optional
         ROS domain; a free one if omitted.
     params_file : Path, optional
         ROS parameter file for all nodes.
     claim : callable
-        Gives the domain: `domain.claim`, or `domain.join` where drivers run already.
+        Returns the domain: `domain.claim`, or `domain.join` if drivers run already.
     drivers : sequence of Path
-        Python files to start beside the nodes.
+        Python files to start besides the nodes.
     stall : float
-        Wall seconds without any progress after which it is given up.
+        Wall seconds without progress after which the night is given up.
     hold_up : callable, optional
-        Called with what is wrong or waited for, when that changes; '' when it goes on.
+        Called with a problem or a wait when it changes; '' when the night continues.
     note : callable, optional
-        Called with each star that the guard refuses, and with what the mount does at the end.
+        Called with each star that the guard refuses, and with the mount's actions at the end.
     again : bool
-        A night goes on whose files are in `folder` already.
+        Resume a night whose files are in `folder`.
 
     Returns
     -------
     night_files.Written
-        With a line in ``incomplete`` where the log is not whole.
+        With a line in ``incomplete`` if the log is not complete.
 
     Raises
     ------
@@ -193,14 +193,14 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     with noted(), ExitStack() as ends:
         lock = claim(domain_number)
         ends.callback(lock.release)
-        # the page of the results needs half of what the calibration does
+        # the page of the results needs half of what the calibration imports
         nodes = Processes(folder / 'nodes', lock.number, params_file,
                           ['calibration.report.night_page'])
         ends.callback(nodes.stop)
         watcher = None
         try:
-            # after the cheap checks, and while the nodes' own go on: these imports cost half a
-            # second
+            # these imports take half a second: do them after the cheap checks, and in parallel with
+            # those of the nodes
             with ThreadPoolExecutor(1) as pool:
                 loading = pool.submit(import_module, 'telescope_mount.watcher')
                 nodes.start_all(specs)
@@ -228,12 +228,12 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         except (KeyboardInterrupt, OSError):
             nodes.stop()
             if not again and (watcher is None or not _progress(watcher).step):
-                _clear(folder)  # it has waited for drivers
+                _clear(folder)  # it has only waited for drivers
             raise
 
 
 def _log_error(watcher, nodes, bag):
-    """Why the log is not whole, as far as its logger could say so."""
+    """Why the log is incomplete, as far as its logger could report it."""
     error = (watcher.reports.errors_of('mcap_logger')
              or nodes.last_words('mcap_logger').removeprefix('error: ')
              or f'{Path(bag).name}: it could not be closed')
@@ -241,7 +241,7 @@ def _log_error(watcher, nodes, bag):
 
 
 def _clear(folder):
-    """Nothing was observed: let the next try have the folder."""
+    """Nothing was observed: free the folder for the next try."""
     for name in ('bag', 'bag_truth', 'nodes'):
         shutil.rmtree(folder / name, ignore_errors=True)
     (folder / STATE).unlink(missing_ok=True)
@@ -249,7 +249,7 @@ def _clear(folder):
 
 @contextmanager
 def _at_rest_after(watcher, specs, note):
-    """However it ends, the mount stands before its guard goes; of a simulated one no matter."""
+    """Ensure that the mount is at rest before its guard ends; not for a simulated mount."""
     if not any(spec.name == 'mount_guard' and not spec.parameters.get('use_sim_time')
                for spec in specs):
         yield
@@ -262,7 +262,7 @@ def _at_rest_after(watcher, specs, note):
 
 
 def _no_driver(watcher):
-    """Where to look for drivers, where the graph has no node but its own; '' where it has."""
+    """Hint where to look for drivers if the graph has only its own nodes; otherwise ''."""
     from .graph_client import elsewhere
     spaces = {space for name, space in watcher.node.get_node_names_and_namespaces()
               if space != NAMESPACE or name not in (*NODES, watcher.node.get_name())}
@@ -271,18 +271,18 @@ def _no_driver(watcher):
 
 
 def _refusal(status, count):
-    """Which star the guard has refused, and why; of several at once the last."""
+    """Which star the guard refused, and why; of several the last."""
     last = next((row.value for row in status.values if row.key == 'refusal'), 'a target')
     return f'refused by the guard: {last}' + (f' (and {count - 1} before)' if count > 1 else '')
 
 
 def _results(watcher, specs, plan, write, bag):
-    """What `write` makes of the results, when the log has them too."""
+    """Result of `write`, once the log is complete, too."""
     watcher.keep_results()
     if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
         raise NightFailed('the plan is done, but its results were not published')
     with ThreadPoolExecutor(1) as pool:
-        # files and picture are made while the last messages reach the log
+        # write files and page while the last messages reach the log
         latest, incomplete = dict(watcher.latest), _progress(watcher).forgotten > 0
         written = None if incomplete else pool.submit(write, latest)
         missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
@@ -294,7 +294,7 @@ def _results(watcher, specs, plan, write, bag):
 
 
 def _with_all_rows(latest, bag):
-    """`latest` with the rows that the observer does not keep any more, as the logs have them."""
+    """`latest` with the rows that the observer no longer keeps, from the logs."""
     from .run_loader import with_rows_before
     table = latest[topics.OBSERVATIONS.name]
     run = with_rows_before(cloud_to_run(table), Path(bag).parent)
@@ -302,12 +302,12 @@ def _with_all_rows(latest, bag):
 
 
 def _progress(watcher):
-    """How far the observer is."""
+    """Progress of the observer."""
     return Progress.read(watcher.latest.get(topics.OBSERVER_STATUS.name))
 
 
 def _watch(watcher, nodes, plan, progress, stall=STALL, hold_up=None, note=None):
-    """Follow the observer until the plan is done."""
+    """Watch the observer until the plan is done."""
     from diagnostic_msgs.msg import DiagnosticStatus
     total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
@@ -330,13 +330,13 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, hold_up=None, note=None)
             if note is not None and at.refused > refused:
                 note(_refusal(status, at.refused - refused))
             refused = at.refused
-            if at.state == 'cancelled':  # nobody can resume what ends with this
+            if at.state == 'cancelled':  # the process ends, so it cannot be resumed
                 reason = status.message.removesuffix(': call resume')
                 raise NightFailed(f'plan cancelled {reason}')
             if at.state == 'failed':
                 raise NightFailed(status.message)
             done = at.observations + at.lost
-            # how many stars a step `track` takes nobody knows
+            # the number of stars for a step `track` is unknown in advance
             progress((at.step or 'connecting the nodes') + (f', {at.lost} lost' if at.lost else '')
                      + quiet, done, max(total, done))
             if at.state == 'done':
@@ -347,7 +347,7 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, hold_up=None, note=None)
             text = status.message if wrong else ''
             if text != waits[0]:
                 waits = text, time.monotonic()
-            # what is over within moments nobody need read
+            # short waits need not be reported
             patience = HOMES_IN if 'it homes the mount' in text else REPORTED_AFTER
             if hold_up is not None and text != shown and time.monotonic() - waits[1] > patience:
                 shown = text
@@ -363,7 +363,7 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, hold_up=None, note=None)
 
 
 def _without_answer(watcher, nodes):
-    """Which nodes do not answer, `, ...` after what is done; '' where all do."""
+    """Nodes that do not answer, `, ...` to append to a message; '' if all do."""
     if stopped := nodes.stopped():
         return ', ' + ', '.join(f'{name} is stopped (kill -CONT {pid})'
                                 for name, pid in stopped.items())
@@ -372,14 +372,14 @@ def _without_answer(watcher, nodes):
 
 
 def _complete(watcher, plan):
-    """Whether all results are here: "done" may overtake them on its own topic."""
+    """Whether all results have arrived: "done" may overtake them on its own topic."""
     verbs = [step.verb for step in parse_plan(plan)]
     latest = watcher.latest
     table = latest.get(topics.OBSERVATIONS.name)
     progress = _progress(watcher)
     checks = latest.get(topics.CHECKS.name)
     checks = [] if checks is None else json.loads(checks.data)['checks']
-    # an observer that was started again may lack the first ones, whose rows it does not keep
+    # a restarted observer may lack the first checks, whose rows it no longer keeps
     last = max((number for number, verb in enumerate(verbs) if verb == 'check'), default=None)
     return (table is not None and table.width == progress.observations - progress.forgotten
             and topics.MODEL.name in latest
@@ -390,7 +390,7 @@ def _complete(watcher, plan):
 
 
 def _diagnosed(latest, compared):
-    """Whether the diagnosis is here, and the report that came with it."""
+    """Whether the diagnosis has arrived, and its report."""
     if topics.DIAGNOSIS.name not in latest:
         return False
     diagnosis, report = (json.loads(latest[name].data) for name in (
@@ -400,9 +400,9 @@ def _diagnosed(latest, compared):
 
 
 def _up_to_date(latest, verbs):
-    """Whether report and model are those of the last fit, and not of an earlier one."""
+    """Whether report and model are from the last fit, not from an earlier one."""
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
-    if 'time' not in run:  # a measured run, and one step of each kind
+    if 'time' not in run:  # a measured run, with one step of each kind
         return True
     if 'fit' not in verbs:  # the step `track` has waited for its last model
         return True

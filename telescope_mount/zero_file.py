@@ -12,20 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Measured zeros of power-ons from a CSV file, and what they follow.
+"""Reads measured zeros of power-ons from a CSV file, and finds what they depend on.
 
-Columns (unknown cells empty; of others a note says that they are not used):
+Columns (unknown cells empty; unused columns are noted):
 
-- ``zero_az_arcsec``, ``zero_el_arcsec``: zero by Polaris, coordinate angles, from any one origin.
+- ``zero_az_arcsec``, ``zero_el_arcsec``: zero by Polaris, coordinate angles, from any fixed origin.
 - ``sigma_az_arcsec``, ``sigma_el_arcsec``: its error (optional).
-- ``time``: UTC, as seconds or ISO 8601 (optional: without it the order of the rows counts).
-- ``run``: number of the power-on (optional: the number of the row).
-- what may have moved it, one for both axes or ``_az`` and ``_el`` before the unit:
-  ``temperature_c``, ``supply_v``, ``since_h`` (hours since the power-on before), ``side`` (of the
+- ``time``: UTC, as seconds or ISO 8601 (optional: otherwise the order of the rows is used).
+- ``run``: number of the power-on (optional: otherwise the number of the row).
+- possible causes, one for both axes or with ``_az`` and ``_el`` before the unit:
+  ``temperature_c``, ``supply_v``, ``since_h`` (hours since the previous power-on), ``side`` (of the
   mark: below and above, or +1 and -1).
 
-The file ``zeros.csv`` of `zero_season_report.write_season` is one. A last row without zeros is
-tonight.
+The file ``zeros.csv`` of `zero_season_report.write_season` has this form. A last row without zeros
+is tonight.
 """
 
 import difflib
@@ -44,14 +44,14 @@ _COLUMNS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': '
             'side': 'side{}'}
 _SIDES = {'below': 1.0, 'above': -1.0}
 _SHORT = ('_az', '_el')
-_LARGEST = 1e50  # of what was measured; squares and their sums stay finite
+_LARGEST = 1e50  # largest measured value: sums of squares stay finite
 _NEEDED = 'zero_az_arcsec and zero_el_arcsec'
 _WANTED = (f'give a header row with {_NEEDED} and what may have moved them (temperature_c, '
            'supply_v, since_h, side), and a row for each power-on')
 
 
 def read_zeros(path):
-    """Read such a file.
+    """Read a file of zeros.
 
     Parameters
     ----------
@@ -64,15 +64,15 @@ def read_zeros(path):
     tonight : dict of str to ndarray, shape (2,), or None
         The covariates of a last row that has no zero.
     notes : list of str
-        Rows that are left out, columns that are not used.
+        Excluded rows and unused columns.
 
     Raises
     ------
     ValueError
-        An empty file, no such columns, one of which most cells are no numbers, nothing that the
-        zeros could follow.
+        An empty file, missing columns, a needed column whose cells are mostly not numbers, or no
+        possible cause.
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     path = Path(path)
     try:
@@ -123,23 +123,23 @@ def read_zeros(path):
 
 
 def _on_one_turn(zeros):
-    """Zeros, rad, shape (n, 2), of each axis within half a turn of their middle."""
+    """Zeros, rad, shape (n, 2), each axis within half a turn of its mean direction."""
     middle = np.angle(np.nansum(np.exp(1j * zeros), axis=0))
     near = middle + wrap(zeros - middle)
-    # where all are on one turn as they are written, they stay so
+    # zeros that are on one turn as written are left unchanged
     together = np.nanmax(np.abs(zeros - near), axis=0, initial=0.0) < ARCSEC
     return np.where(together, zeros, near)
 
 
 def _left_out(path, lines, reasons):
-    """Notes of the rows that have a reason."""
+    """Notes on rows with a reason for exclusion."""
     return [f'{path}, line{"s" * (len(away) > 1)} {listed(away)} left out: {why}'
             for why in dict.fromkeys(reasons[reasons != 0])
             for away in [lines[reasons == why].tolist()]]
 
 
 def _leave_out_copies(cells, values):
-    """A power-on that is written twice, by its time and zeros, counts once."""
+    """Exclude power-ons with the same time and zeros as an earlier one."""
     first = {}
     for i in np.flatnonzero((cells.reasons == 0) & np.isfinite(values).all(axis=1)):
         line = first.setdefault(tuple(np.rint(values[i])), cells.lines[i])
@@ -148,7 +148,7 @@ def _leave_out_copies(cells, values):
 
 
 def _pair(cells, pattern, words=None):
-    """Numbers of both axes, each of its own column or of that of both, shape (n, 2)."""
+    """Numbers of both axes, from separate columns or a common one, shape (n, 2)."""
     return np.array([_column(cells, name if name in cells.header else pattern.format(''), words)
                      for name in map(pattern.format, _SHORT)]).T
 
@@ -170,7 +170,7 @@ def _time(cells):
 
 
 def _unknown_columns(path, names):
-    """Notes of columns that mean nothing here: a covariate that is misspelt would be missed."""
+    """Notes on unknown columns: a misspelt covariate would go unnoticed."""
     known = ['time', 'run', *(pattern.format(axis) for pattern in (
         'zero{}_arcsec', 'sigma{}_arcsec', *_COLUMNS.values()) for axis in ('', *_SHORT))]
     notes, others = [], []
@@ -187,7 +187,7 @@ def _unknown_columns(path, names):
 
 
 def zero_file_causes(path):
-    """What the zeros in a file follow, and tonight's.
+    """Causes of the zeros in a file, and the prediction for tonight.
 
     Parameters
     ----------
@@ -196,13 +196,13 @@ def zero_file_causes(path):
     Returns
     -------
     dict
-        JSON-ready, as of `zero_season_report.zero_season`: ``causes``, ``tonight``; and
-        ``notes``, as of `read_zeros`.
+        JSON-ready, see `zero_season_report.zero_season`: ``causes``, ``tonight``; and ``notes``,
+        see `read_zeros`.
 
     Raises
     ------
     ValueError
-        As of `read_zeros`; too few power-ons; no covariate varied.
+        See `read_zeros`; too few power-ons; or no covariate varied.
     OSError
     """
     season, tonight, notes = read_zeros(path)

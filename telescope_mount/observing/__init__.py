@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How a night is observed: the plan, its steps, the stars, readings and exposures. No ROS."""
+"""Observing a night: the plan, its steps, the stars, readings and exposures. No ROS."""

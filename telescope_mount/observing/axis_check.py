@@ -12,50 +12,50 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether the axes follow a command while it is waited for, by their readings alone."""
+"""Checks from their readings alone whether the axes follow a command."""
 
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
-#: an axis must come nearer to its demand within so long, s, by so much, rad; of the graph's time
-#: and of the wall's: simulated time may pass quickly, and messages and looks take as long as ever
+#: an axis must get closer to its demand within this time, s, by this amount, rad. This holds in
+#: graph time and wall time: simulated time may run fast, while messages take as long as ever
 WITHIN, NEARER = 1.5, 5.0 * ARCSEC
-#: one that swings has longer, s
+#: time allowed for an axis that oscillates, s
 SWINGS = 6.0
-#: an axis that is farther by so much than at the command, at so many looks in a row, went the wrong
-#: way, rad: what it was sent may be heard of later than how it moves
+#: an axis farther off by this than at the command, in this many consecutive checks, moves the wrong
+#: way, rad: news of what it was sent may arrive later than its readings
 AWAY, LOOKS = 1.0 * DEG, 2
 
 
 class FollowingCheck:
-    """The axes and one track.
+    """Checks the axes against one track.
 
     Parameters
     ----------
     track : Track
     here : ndarray, shape (2,)
-        Where the encoders stood at the command, rad.
+        Encoder angles at the command, rad.
     mount : Mount
     near : float
-        A smaller distance from the demand is no fault, rad.
+        Smaller distances from the demand are not a fault, rad.
     own_way : bool
-        The mount is sent places, and slews to them as it likes: axis after axis, with rests.
+        The mount is sent to places and slews in its own way: one axis at a time, with pauses.
     since : float
-        When it was commanded, s of the wall.
+        Wall time of the command, s.
     """
 
     def __init__(self, track, here, mount, near, own_way=False, since=0.0):
         self._track, self._mount, self._near, self._own = track, mount, near, own_way
         self._here = np.array(here)
         self._first = self._least = None
-        #: of each axis, s: by the graph's time since the track began, and by the wall's
+        #: last progress of each axis, s: graph time since the start of the track, and wall time
         self._since = np.tile((0.0, since), (2, 1))
         self._sent = None
-        self._away, self._stamp = np.zeros(2, int), 0  # looks in a row at which an axis was
+        self._away, self._stamp = np.zeros(2, int), 0  # consecutive checks with an axis away
 
     def fault(self, stamp, here, wall, sent=None):
-        """What is wrong by a reading, '' where nothing is.
+        """Fault shown by a reading, '' if none.
 
         Parameters
         ----------
@@ -64,10 +64,10 @@ class FollowingCheck:
         here : ndarray, shape (2,)
             rad.
         wall : float
-            Of the clock of `since`, s.
+            On the clock of `since`, s.
         sent : ndarray, shape (2,), optional
-            Where the mount was sent at that moment, rad: it may have to go around something, or
-            the longer way because of its cables.
+            Where the mount was sent at that moment, rad: it may have to go around an obstacle, or
+            the long way because of its cables.
 
         Returns
         -------
@@ -80,23 +80,23 @@ class FollowingCheck:
         now = at, wall
         demand = track.at(stamp)
         way = here - demand
-        if self._mount.vertical:  # its reading may wrap; that of others is on the mount's travel
+        if self._mount.vertical:  # azimuth may wrap; other mounts read within their travel
             way[0] = wrap(way[0])
         left = np.abs(way)
         if self._first is None:
             self._first, self._least = left, left
             self._since[np.abs(wrap(here - self._here)) > NEARER] = now
-            self._then = self._here, way  # reading and way when it was nearest
+            self._then = self._here, way  # reading and difference at closest approach
             self._sent = None if sent is None else (here, sent)
             return self._stuck(now, here, demand, way)
         if self._own:
-            # neither standing nor going along beside the track
+            # neither standing nor moving parallel to the track
             goes = (np.abs(wrap(here - self._then[0])) > NEARER) & (
                 np.abs(way - self._then[1]) > NEARER)
             if goes.any():
                 self._then, self._since[:] = (here, way), now
             return self._stuck(now, here, demand, way)
-        # of its own: a demand that comes toward an axis that stands gives nothing
+        # the axis itself must have moved: a demand approaching a standing axis does not count
         nearer = (left < self._least - NEARER) & (np.abs(wrap(here - self._then[0])) > NEARER)
         self._least = np.where(nearer, left, self._least)
         self._since[nearer] = now
@@ -104,7 +104,7 @@ class FollowingCheck:
                            for now, then in zip((here, way), self._then))
         as_sent = self._as_sent(here, demand, sent)
         self._since[as_sent] = now
-        if stamp > self._stamp:  # else it is the same reading
+        if stamp > self._stamp:  # otherwise the same reading
             self._away = np.where((left > self._first + AWAY) & ~as_sent, self._away + 1, 0)
         self._stamp = stamp
         if self._away.max() >= LOOKS:
@@ -113,20 +113,20 @@ class FollowingCheck:
         return self._stuck(now, here, demand, way)
 
     def _as_sent(self, here, demand, sent):
-        """Axes that go where they are sent, which is not yet their demand, shape (2,)."""
+        """Axes that go where they are sent if that is not yet their demand, shape (2,)."""
         if sent is None:
             return np.zeros(2, bool)
         before, self._sent = self._sent or (here, sent), (here, sent)
         there, moved = np.abs(wrap(sent - demand)) < self._near, np.abs(here - before[0])
         still = np.abs(sent - before[1]) < NEARER
         off = np.abs(wrap(here - sent))
-        # a driver that is sent places is sent far ahead at once
+        # a driver that is sent to places is sent far ahead at once
         comes = off < np.abs(wrap(before[0] - sent)) - NEARER
         return ~there & (comes | ((off < AWAY) & (still | (moved > NEARER))))
 
     def _stuck(self, now, here, demand, way):
         sky = way * (np.cos(demand[1]), 1.0)
-        # an axis that stands, or goes along beside its track
+        # an axis that stands, or moves parallel to its track
         still = (np.abs(wrap(here - self._then[0])) < NEARER) | (
             np.abs(way - self._then[1]) < NEARER)
         stuck = (np.abs(sky) > self._near) & (

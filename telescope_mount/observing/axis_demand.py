@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the axes must go for a target: its demand, and the track that is commanded."""
+"""Encoder demands for a target, and the commanded track."""
 
 from typing import NamedTuple
 
@@ -22,24 +22,24 @@ from msg_tools.units import wrap
 from pointing_model.active_calibration import pointing_context
 from pointing_model.mounts import ALTAZ, through_pole
 
-#: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec
+#: seconds between the knots of a commanded track; cubic interpolation is accurate to 1e-3 arcsec
 KNOT = 20.0
 
 
 class Conditions(NamedTuple):
-    """Under which a target is pointed at.
+    """Conditions of a pointing.
 
     Attributes
     ----------
     site : site.Site
     air : refraction.Weather
-        With the temperature of now.
+        With the present temperature.
     here : ndarray, shape (2,)
-        Where the encoders stand, rad.
+        Encoder angles of the mount, rad.
     run : int
         Number of the power-on.
     row : dict or None
-        The observation before, of the same power-on.
+        The previous observation in the same power-on.
     """
 
     site: object
@@ -57,7 +57,7 @@ class Pointing:
     target : StarTarget or SatelliteTarget
     active : ActiveCalibration
     aim : ndarray, shape (2,)
-        By how much to point beside what model and zero say, rad.
+        Offset of the pointing in addition to model and zero, rad.
     mount : Mount, optional
     meridian_limit : float
         How far past the meridian a German mount may turn, rad.
@@ -65,13 +65,13 @@ class Pointing:
     Attributes
     ----------
     beyond : bool or None
-        Whether the mount looks there through the pole; None before the first demand.
+        Whether the mount points there through the pole; None before the first demand.
     approach : ndarray, shape (2,), or None
-        Sign with which the axes came to the target; None before the first command.
+        Sign of the approach of the axes to the target; None before the first command.
     knot : float
         s between the knots of its tracks.
     until : float
-        No track is longer, UTC s.
+        End of its tracks at the latest, UTC s.
     """
 
     until = np.inf
@@ -83,10 +83,10 @@ class Pointing:
         self._active, self._limit = active, meridian_limit
 
     def place(self, stamps, site, air):
-        """Angles (n,), (n,) at which the axes of a perfect mount look at it, rad.
+        """Angles (n,), (n,) at which the axes of a perfect mount point at the target, rad.
 
-        On the side of the pier that is chosen when it is requested the first time: where both
-        reach it, that of the parity of its number, so that stars of both are on either side.
+        The side of the pier is chosen at the first call. If both sides reach the target, the
+        parity of its number decides, so that both sides get stars.
         """
         az, el = self.target.place(stamps * 1e-9, site, air)
         if self.mount.vertical:
@@ -105,7 +105,7 @@ class Pointing:
         return self._active.encoder(az, el, context) + self.aim
 
     def _context(self, stamps, az, el, conditions):
-        """What the effects of the model may ask for, None if it has none."""
+        """Drivers of the model's effects; None if it has none."""
         model = self._active.model
         if model is None or not model.effects:
             return None
@@ -119,7 +119,7 @@ class Pointing:
 
 
 class AxesAtRest:
-    """The mount stays where it stands.
+    """The mount stays at its position.
 
     Parameters
     ----------
@@ -147,9 +147,9 @@ class Track(NamedTuple):
     start : int
         ns.
     times : ndarray, shape (n,)
-        Seconds since then.
+        Seconds since `start`.
     angles, rates : ndarray, shape (n, 2)
-        Of the encoders, rad and rad/s.
+        Encoder angles and rates, rad and rad/s.
     """
 
     start: int
@@ -159,27 +159,27 @@ class Track(NamedTuple):
 
     @property
     def end(self):
-        """ns."""
+        """End of the track, ns."""
         return self.start + round(self.times[-1] * 1e9)
 
     def at(self, stamp):
-        """Angles at a stamp or at several, ns: shape (2,) or (n, 2); beyond it those at its end."""
+        """Angles at one or several stamps, ns: shape (2,) or (n, 2); constant beyond the track."""
         seconds = (np.asarray(stamp) - self.start) * 1e-9
         return np.stack([np.interp(seconds, self.times, axis) for axis in self.angles.T], axis=-1)
 
     def demand(self, stamp):
-        """Angles at a stamp, shape (2,); None where it does not lead."""
+        """Angles at a stamp, shape (2,); None outside the track."""
         return self.at(stamp) if self.times[0] <= (stamp - self.start) * 1e-9 <= self.times[
             -1] else None
 
 
 def on_sky(reading, demand):
-    """Difference of two pairs of encoder angles, on the sky, rad, shape (2,)."""
+    """Difference of two pairs of encoder angles on the sky, rad, shape (2,)."""
     return np.array([wrap(reading[0] - demand[0]) * np.cos(demand[1]), reading[1] - demand[1]])
 
 
 def track_to(pointing, start, conditions, slew_rate):
-    """The track of a target from `start` on; notes in `pointing` how the axes come to it.
+    """Track of a target from `start` on; stores the direction of approach in `pointing`.
 
     Parameters
     ----------
@@ -188,12 +188,12 @@ def track_to(pointing, start, conditions, slew_rate):
         ns.
     conditions : Conditions
     slew_rate : float
-        Of the mount, deg/s.
+        Slew rate of the mount, deg/s.
 
     Returns
     -------
     Track
-        Long enough for half a turn, the settling and the exposure.
+        Long enough for half a turn, settling and exposure.
     """
     length = min(60.0 + 200.0 / slew_rate + KNOT, pointing.until - start * 1e-9)
     times = np.arange(0.0, max(length, 3.0 * pointing.knot), pointing.knot)
@@ -202,6 +202,6 @@ def track_to(pointing, start, conditions, slew_rate):
     move = np.array([pointing.mount.way(here[0], angles[0, 0]), angles[0, 1] - here[1]])
     if pointing.approach is None:  # later moves to the same star are small
         pointing.approach = np.sign(move)
-    # azimuth the shorter way from here; the mount's own limits are the driver's affair
+    # azimuth goes the shorter way from here; limits of the mount are handled by the driver
     angles[:, 0] = here[0] + move[0] + (np.unwrap(angles[:, 0]) - angles[0, 0])
     return Track(start, times, angles, np.gradient(angles, pointing.knot, axis=0, edge_order=2))

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""By how much the camera's clock is off the encoder's, from one star while the axes drift over it.
+"""Offset between the clocks of camera and encoder, from one star while the axes drift across it.
 
-A star's image is taken at a moment that the camera stamps T + late, and the reading is taken where
-the encoder says T + late: off by the rate of the axis times `late`. Where every star is tracked
-that is no more than a clock error of the sky (of an alt-azimuth mount exactly IA + AW), which no
-pointing run can tell. Beside a star that the axes drift past at known rates it is: the readings of
-one place differ by `late` times the difference of the rates.
+The image of a star is stamped T + late by the camera, and the encoder reading of T + late is used:
+it is off by the axis rate times `late`. If every star is tracked, this equals a clock error of the
+sky (for an alt-azimuth mount exactly IA + AW), which no pointing run can detect. It shows if
+the axes drift past a star at different known rates: readings at the same place then differ by
+`late` times the difference of the rates.
 """
 
 import numpy as np
@@ -28,22 +28,22 @@ from pointing_model.rms import sigma_of
 
 from .axis_demand import Pointing
 
-#: exposures on one leg; the legs go to and fro, without a jump in between
+#: exposures per leg; legs go back and forth, without jumps in between
 LEG = 2
-#: of the full rate, leg by leg: two magnitudes, so that what depends on the sense alone (backlash,
-#: friction) is not taken for time
+#: fractions of the full rate: with two speeds an effect of the direction alone (backlash, friction)
+#: is not mistaken for a delay
 SHARES = 1.0, 0.2
-#: senses of both axes on pairs of legs: all four
+#: directions of both axes for pairs of legs: all four
 SENSES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
-#: farther than this from the star a leg leads back, rad
+#: beyond this distance from the star a leg leads back to it, rad
 FARTHEST = 240.0 * ARCSEC
-#: a star is not trailed by more within one exposure, arcsec
+#: largest trail of a star within an exposure, arcsec
 TRAIL = 30.0
-#: exposures needed for all that is fitted
+#: least number of exposures for the fit
 LEAST = 12
-#: residuals beyond so many of their scatter are no exposures of a star that drifts evenly
+#: exposures with residuals beyond this multiple of the scatter are outliers
 OUTLIER = 4.0
-#: an offset is one from so many of its errors and so many seconds on
+#: significance (multiple of sigma) and size (s) above which clocks are reported as off
 SIGMAS, WORTH = 4.0, 0.02
 
 
@@ -53,11 +53,11 @@ class Drifting(Pointing):
     Parameters
     ----------
     pointing : Pointing
-        Of the star, centred.
+        Pointing at the star, centred.
     start : int
         ns.
     place, rate : ndarray, shape (2,)
-        Beside the star at `start`, on the sky (rad), and how that changes (rad/s).
+        Offset from the star at `start`, on the sky (rad), and its rate (rad/s).
     """
 
     def __init__(self, pointing, start, place, rate):
@@ -65,7 +65,7 @@ class Drifting(Pointing):
         self._star, self._start, self._place, self._rate = pointing, start, place, rate
 
     def beside(self, stamps):
-        """Where the boresight shall be beside the star, on the sky, rad, shape (n, 2)."""
+        """Intended offset of the boresight from the star, on the sky, rad, shape (n, 2)."""
         return self._place + np.multiply.outer((stamps - self._start) * 1e-9, self._rate)
 
     def demand(self, stamps, conditions):
@@ -76,13 +76,13 @@ class Drifting(Pointing):
 
 
 def legs(count, full):
-    """The rates beside the star, exposure by exposure.
+    """Rates relative to the star, for each exposure.
 
     Parameters
     ----------
     count : int
     full : float
-        rad/s on an axis.
+        Full rate of an axis, rad/s.
 
     Returns
     -------
@@ -90,14 +90,14 @@ def legs(count, full):
     """
     leg = np.arange(count) // LEG
     senses = np.array(SENSES)[leg // len(SHARES) % len(SENSES)]
-    # one share goes there and comes back before the other: places stay near the star
+    # each speed goes back and forth before the other, so the axes stay near the star
     shares = np.array(SHARES)[leg // (len(SHARES) * len(SENSES) // 2) % len(SHARES)]
     to_and_fro = np.where(leg % 2, -1.0, 1.0)
     return full * (shares * to_and_fro)[:, np.newaxis] * senses
 
 
 def rate_for(exposure, full):
-    """The rate that does not trail a star too far in an exposure.
+    """Largest rate that does not trail a star too far in an exposure.
 
     Parameters
     ----------
@@ -122,34 +122,34 @@ def row_of(stamp, rate, sense, miss, beside):
     stamp : int
         ns.
     rate : ndarray, shape (2,)
-        Of the axes beside the star, on the sky, rad/s.
+        Rates of the axes relative to the star, on the sky, rad/s.
     sense : ndarray, shape (2,)
-        In which the axes turned.
+        Direction in which the axes turned.
     miss : ndarray, shape (2,)
         Miss distance, rad.
     beside : ndarray, shape (2,)
-        The centred reading less the demand of the star, on the sky, rad.
+        Centred reading minus demand of the star, on the sky, rad.
     """
     return [int(stamp), *(float(v) for part in (rate, sense, miss, beside) for v in part)]
 
 
 def offset_of(exposures):
-    """The offset of the clocks by least squares.
+    """Clock offset by least squares.
 
-    Beside it are fitted where the star is, how that drifts, scale, rotation and shear of the
-    camera, and what follows the sense of each axis.
+    Also fitted are the place of the star and its drift, scale, rotation and shear of the camera,
+    and an offset by the direction of each axis.
 
     Parameters
     ----------
     exposures : list of list
-        As `row_of` makes them.
+        Lists from `row_of`.
 
     Returns
     -------
     dict or None
-        ``offset_s``: by how much the camera's stamps are late, ``sigma_s`` its standard error,
-        ``exposures`` how many were used, ``noise_arcsec`` the scatter of one on an axis. None where
-        they are too few.
+        ``offset_s``: delay of the camera's stamps; ``sigma_s``: its standard error;
+        ``exposures``: number used; ``noise_arcsec``: scatter of one exposure per axis. None if
+        there are too few.
     """
     rows = np.array([row[1:] for row in exposures], float).reshape(-1, 8)
     stamps = np.array([row[0] for row in exposures], np.int64)
@@ -163,7 +163,7 @@ def offset_of(exposures):
         offset, sigma, left, free = found
         scatter = sigma_of(left) * np.sqrt(len(left) / free)
         off = np.hypot(*left.reshape(2, -1))
-        worst = int(np.argmax(off))  # one at a time: it draws the others along
+        worst = int(np.argmax(off))  # one at a time, since it biases the others
         if off[worst] <= OUTLIER * max(scatter, 1e-3 * ARCSEC) or used.sum() <= 0.75 * len(used):
             break
         used[np.flatnonzero(used)[worst]] = False
@@ -179,7 +179,7 @@ def _solve(stamps, rows):
     time = (stamps - stamps[0]) * 1e-9
     columns = []
     for axis in (0, 1):
-        # an axis that always turned the same way has its sense in the constant
+        # for an axis that always turned the same way the direction is part of the constant
         turned = sense[:, axis] - sense[:, axis].mean()
         for part in (one, time - time.mean(), miss[:, 0], miss[:, 1], turned):
             column = np.zeros((2, count))
@@ -199,14 +199,14 @@ def _solve(stamps, rows):
 
 
 def sentence(found, late=0.0, second=None):
-    """What an offset says, and what to do.
+    """Result of the clock measurement, and what to do.
 
     Parameters
     ----------
     found : dict or None
-        Of `offset_of`.
+        Result of `offset_of`.
     late : float
-        What is taken off the camera's stamps already, s.
+        Delay already subtracted from the camera's stamps, s.
     second : dict, optional
         The offset against the absolute encoder.
 
@@ -228,6 +228,6 @@ def sentence(found, late=0.0, second=None):
 
 
 def is_off(found):
-    """Whether an offset is one."""
+    """Whether an offset is significant."""
     return found is not None and abs(found['offset_s']) > max(
         SIGMAS * found['sigma_s'], WORTH)

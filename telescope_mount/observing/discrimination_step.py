@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The step `tell_apart`: stars that the calibration asks for, one after the other."""
+"""The step `tell_apart`: stars requested by the calibration, one after the other."""
 
 import numpy as np
 
@@ -22,14 +22,14 @@ from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget
 from .axis_demand import AxesAtRest
 from .star_choice import axes_at, nearest_star
 
-#: how far beyond a star an axis is sent that shall come to it from the other side, deg: more than a
-#: play of a gear
+#: overshoot for an axis that must approach a star from the other side, deg: more than the backlash
+#: of a gear
 BEYOND = 5.0
 _HOUR = 3600e9  # ns
 
 
 def distinguish_causes(night, step):
-    """Steps that take the stars that are requested until nothing is asked any more.
+    """Steps that observe the requested stars until nothing more is requested.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def distinguish_causes(night, step):
     Returns
     -------
     str
-        What has come of it.
+        The outcome.
     """
     taken, hours, tried = 0, step.hours, set()
     yield from night.calibration_has_all()
@@ -50,7 +50,7 @@ def distinguish_causes(night, step):
         yield from night.until(
             lambda: night.wanted is None or night.wanted.stamp >= night.table.newest,
             'the calibration to say what it asks for')
-        if night.wanted is None:  # the calibration was started anew
+        if night.wanted is None:  # the calibration was restarted
             yield from night.new_model('diagnose')
             continue
         state, request = night.wanted.sentence, night.wanted.request or {}
@@ -68,7 +68,7 @@ def distinguish_causes(night, step):
             night.announce(words)
             taken += yield from night.observe(star, fresh=True)
             if len(night.table) == rows:
-                break  # it is asked again, with another star
+                break  # it will be requested again, with another star
     if taken:
         yield from night.new_model('diagnose')
     if wait > hours:
@@ -77,7 +77,7 @@ def distinguish_causes(night, step):
 
 
 def _come_to(night, request, whole, tried):
-    """The star, with its axes where they come to it from the side that is requested."""
+    """Move the axes so that they approach the star from the requested side; return the star."""
     value, mount = night.out.value, night.out.mount()
     stars, limits = night.targets.stars, night.targets.limits()
     now = max(night.exposer.now(), night.exposer.earliest)
@@ -90,7 +90,7 @@ def _come_to(night, request, whole, tried):
         min_el=value('min_elevation_deg') * DEG, max_el=value('max_elevation_deg') * DEG,
         mag_limit=value('magnitude_limit'), magnitude=request.get('magnitude'),
         exclude=[*tried, *night.refused, POLARIS_HIP], mount=mount, limits=limits,
-        # after a short move: nothing may come between
+        # after a short move, so nothing may come in between
         **({'start': here, 'sides': sides} if short else {}))
     star = StarTarget(stars.select([row]))
     words = f'{star.name}, {off / DEG:.1f} deg from the place asked for, ' + (
@@ -105,11 +105,11 @@ def _come_to(night, request, whole, tried):
 
 
 def _go_beyond(night, there, sides):
-    """Send the axes to where they come to a star from, and wait there for an exposure."""
+    """Send the axes to the start of the requested approach, and wait there for an exposure."""
     mount, value = night.out.mount(), night.out.value
     place = there - sides * BEYOND * DEG
     if mount.vertical:
         place[1] = np.clip(place[1], value('min_elevation_deg') * DEG,
                            value('max_elevation_deg') * DEG)
-    # where the guard refuses it the star is taken as it comes: its row gives how
+    # if the guard refuses it, observe the star anyway: its row has the approach
     yield from night.exposer.expose(AxesAtRest(place, mount))

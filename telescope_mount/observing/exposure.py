@@ -12,8 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One observation: command the track of a target, wait for an exposure on it, centre it; its
-row of the night."""
+"""One observation: command the track of a target, wait for an exposure on it, centre it, and make
+its row."""
 
 from dataclasses import replace
 from functools import partial
@@ -31,50 +31,49 @@ from .axis_demand import Conditions, Pointing, on_sky, track_to
 from .camera_delay import Drifting, row_of
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 
-#: exposures without a star after which it is given up: one that was under way when the mount was
-#: commanded is smeared
+#: exposures without a star before it is given up: one that was under way at the command is smeared
 BLANKS = 3
-#: exposures of a star that is centred again and again
+#: most exposures to centre a star
 CENTRINGS = 3
-#: one that is so much farther off after it was centred moves the wrong way
+#: ratio of miss distances after and before centring that shows a move in the wrong direction
 WORSE = 1.2
-#: how a mount is moved to see whether the camera is right, in units of what need not be centred:
-#: as far as can be from the axes and their middles, where one that is mirrored would be right
+#: direction of the test move for the camera, in units of the recentring limit: as far as possible
+#: from the axes and their bisectors, for which a mirrored camera would look right
 BESIDE = np.array([np.cos(np.pi / 8.0), np.sin(np.pi / 8.0)])
-#: rows by which the camera is tested, and their columns
+#: rows used to test the camera, and their columns
 LAST, CAMERA_COLUMNS = 60, (
     'az', 'el', 'az_enc', 'el_enc', 'miss_x', 'miss_y', 'run', 'star')
-#: exposures in a row in which the axes swing that are no settling any more
+#: consecutive exposures with moving axes that are no longer settling
 RESTLESS = 5
-#: after so long a commanded axis moves, s
+#: time after which a commanded axis must have started to move, s
 BEGUN = 10.0
 
 
 class Exposer:
     """Makes rows of targets.
 
-    What waits is a generator of conditions, for `msg_tools.steps.Steps`.
+    Methods that wait are generators of conditions, for `msg_tools.steps.Steps`.
 
     Parameters
     ----------
     outbox
-        As of a `Sequencer`.
+        See `Sequencer`.
     instruments : Instruments
     active : ActiveCalibration
     table : NightMemory
     ready : callable
-        Gives the steps after which the mount can be commanded.
+        Returns the steps after which the mount can be commanded.
     waiting : callable
-        Called with what is waited for, in words; '' when it has come.
+        Called with what is waited for, in words; '' when the wait is over.
 
     Attributes
     ----------
     earliest : int
-        Before this the next track does not begin, ns.
+        Earliest begin of the next track, ns.
     commanded : int
         Begin of the last track, ns.
     exposed : int
-        The last exposure, ns.
+        Stamp of the last exposure, ns.
     refusal : str
         Why the last track was refused; '' if it was not.
     """
@@ -83,19 +82,19 @@ class Exposer:
         self._out, self._instruments, self._active = outbox, instruments, active
         self._table, self._ready, self._waiting = table, ready, waiting
         self.earliest = self.commanded = self.exposed = 0
-        self._following = None  # what is commanded and waited for
-        self._blanks = 0  # targets in a row without a star
+        self._following = None  # check of the command that is waited for
+        self._blanks = 0  # consecutive targets without a star
         self.refusal = ''
         self.forget_aim()
 
     def forget_aim(self):
-        """With a new model or zero, what was learned of the stars before is in it."""
+        """Reset the offset learned from earlier stars: a new model or zero includes it."""
         self._carried = np.zeros(2)
 
     def watch(self, now):
-        """Say whether the axes follow what is commanded, while an exposure is waited for.
+        """Report whether the axes follow the command while an exposure is waited for.
 
-        `now` is of the clock of the instruments that goes on, s.
+        `now` is on the instruments' wall clock, s.
         """
         instruments = self._instruments
         if self._following is None or not instruments.homed or instruments.excused:
@@ -109,7 +108,7 @@ class Exposer:
                                        self._out.guard.sent(instruments.stamp)) or text)
 
     def observe(self, target, block, blind=False, pointing=None):
-        """Steps that point at `target` and centre it where it is far off.
+        """Steps that point at `target` and centre it if it is far off.
 
         Parameters
         ----------
@@ -117,14 +116,14 @@ class Exposer:
         block : int
             Number of the step of the plan.
         blind : bool
-            With model and zero alone, and the first exposure counts.
+            Use model and zero alone, and take the first exposure.
         pointing : Pointing, optional
-            At it, by default as `aimed_at`.
+            Pointing at it; by default that of `aimed_at`.
 
         Returns
         -------
         dict or None
-            The row; None where there was no star in the field, or the track was refused.
+            The row; None if no star was in the field, or the track was refused.
         """
         pointing = self.aimed_at(target, pointing)
         if blind:
@@ -144,7 +143,7 @@ class Exposer:
                 if blank < BLANKS:
                     continue
                 if not blind:
-                    self.forget_aim()  # it may be why
+                    self.forget_aim()  # it may be the cause
                 self._blanks += 1
                 if self._blanks >= BLANKS:
                     self._instruments.health.blanks(CAMERA, self._blanks)
@@ -161,7 +160,7 @@ class Exposer:
             if blind:
                 break
             demand = pointing.demand(np.array([stamp]), self._conditions())[0]
-            # only for pointing: the next star lies nearer to where this one was found
+            # only for pointing: the next star will be off by about as much
             pointing.aim = pointing.aim + np.array(
                 [wrap(enc[0] - demand[0]), enc[1] - demand[1]])
             self._carried = pointing.aim / self._axis_scale(pointing)
@@ -169,7 +168,7 @@ class Exposer:
             off = float(np.hypot(*miss))
             first = off if first is None else first
             near = off <= self._out.value('recentre_arcsec') * ARCSEC
-            # farther off than before: what is left of it would lead farther still
+            # farther off than before: another correction would make it worse
             if near or seen == CENTRINGS or off > WORSE * first:
                 break
         if first is not None and not near and not self._instruments.health.centres(
@@ -183,7 +182,7 @@ class Exposer:
         return row
 
     def _sees_motion(self, pointing):
-        """Steps that move the mount a little beside a star; whether the camera sees by how much."""
+        """Steps that move the mount slightly; whether the camera sees the star move accordingly."""
         aim, seen = pointing.aim, []
         beside = BESIDE * self._out.value('recentre_arcsec') * ARCSEC
         second = pointing.place(np.array([self.now()]), *self._out.sky())[1][0]
@@ -201,15 +200,15 @@ class Exposer:
         return False
 
     def _check_camera(self, row):
-        """Say so where the last rows are of a camera that was turned; who fits knows it of them."""
+        """Report if the last rows show a rotated camera; the fit detects it in them, too."""
         if row['star'] < 0:
-            return  # a satellite misses by its orbit, too
+            return  # the miss of a satellite includes its orbit error
         last = self._table.latest(CAMERA_COLUMNS, LAST)
         stars = np.append(last['star'], row['star']) >= 0
         columns = {name: np.append(last[name], row[name])[stars] for name in CAMERA_COLUMNS}
         off = np.hypot(columns['miss_x'], columns['miss_y'])
         if not (np.isfinite(off[-1]) and off[-1] > np.nanmedian(off)):
-            return  # with one that was turned it grows
+            return  # with a rotated camera it would grow
         wrong, sense = turned_rows(PointingRun(
             columns, {} if self._out.mount().vertical else {'mount': self._out.mount()}))
         if wrong[-1]:
@@ -217,23 +216,23 @@ class Exposer:
             self.forget_aim()
 
     def drift(self, pointing, rate, place):
-        """Steps that make an exposure while the axes drift past a star, see `camera_delay`.
+        """Steps for one exposure while the axes drift past a star, see `camera_delay`.
 
         Parameters
         ----------
         pointing : Pointing
-            Of the star.
+            Pointing at the star.
         rate, place : ndarray, shape (2,)
-            Beside the star, on the sky: rad/s, and rad at the begin.
+            Rate and initial offset relative to the star, on the sky, rad/s and rad.
 
         Returns
         -------
         row : list or None
-            As of `camera_delay.row_of`; None where there was no star or the track was refused.
+            See `camera_delay.row_of`; None without a star, or if the track was refused.
         second : list or None
-            The same of the absolute encoder.
+            The same for the absolute encoder.
         place : ndarray, shape (2,)
-            Where the axes are beside the star by now.
+            Present offset of the axes from the star.
         """
         drifting = Drifting(pointing, max(self.now(), self.earliest), np.array(place), rate)
         exposed = yield from self.expose(drifting)
@@ -253,16 +252,16 @@ class Exposer:
         return *rows, now
 
     def aimed_at(self, target, pointing=None):
-        """`Pointing` at a target, with what was learned of the stars before."""
+        """`Pointing` at a target, with the offset learned from earlier stars."""
         pointing = pointing or Pointing(target, self._active, np.zeros(2), self._out.mount(),
                             self._out.value('meridian_limit_deg') * DEG)
         pointing.aim = self._carried * self._axis_scale(pointing)
         return pointing
 
     def _axis_scale(self, pointing):
-        """By what an aim on the sky is that of the axes: near a pole the first turns far.
+        """Factor from an offset on the sky to the axes: near a pole the first axis turns far.
 
-        Azimuths are carried as they are: a zero that is off is most of it.
+        For azimuth it is 1: most of the offset is an error of the zero.
         """
         if pointing.mount.vertical:
             return 1.0
@@ -270,7 +269,7 @@ class Exposer:
         return np.array([1.0 / np.cos(second), 1.0])
 
     def _second(self, stamp, miss, first, beyond):
-        """Of the absolute encoder; NaN, for each axis, where it is not known or cannot be."""
+        """Centred reading of the absolute encoder; NaN for axes without a usable one."""
         try:
             reading, _ = self._instruments.exposures.over('abs', stamp,
                                                           self._out.value('exposure_s'))
@@ -281,9 +280,9 @@ class Exposer:
         return centred_second(reading, first, miss, beyond)
 
     def expose(self, pointing):
-        """Steps that command a track, again until there is an exposure on it: stamp and miss.
+        """Steps that command a track until there is an exposure on it: stamp and miss.
 
-        None where it is refused.
+        None if the track is refused.
         """
         found = None
         while found is None:
@@ -297,7 +296,7 @@ class Exposer:
         return found
 
     def until_free(self):
-        """The steps that wait while the guard lets nothing move the mount."""
+        """Steps that wait while the guard does not let the mount move."""
         held = self._out.guard.held
         if held():
             self._waiting(f'the guard ({held()})')
@@ -305,7 +304,7 @@ class Exposer:
             self._waiting('')
 
     def _try(self, pointing):
-        """Command once; None when nobody answered in time."""
+        """Command once; None if there was no answer in time."""
         yield from self._ready()
         instruments, value, held = self._instruments, self._out.value, self._out.guard.held
         yield from self.until_free()
@@ -342,21 +341,21 @@ class Exposer:
         elif instruments.homed:
             wait = value('answer_timeout_s')
             beside = off > value('on_target_arcsec') * ARCSEC
-            # whoever is told of a frame off target has answered
+            # an instrument whose frame is off target has answered
             mute = instruments.silent(wait) if beside else instruments.unanswered(wait)
             self._waiting(f'an answer of {", ".join(mute)}' if mute else
                           f'the mount to come on target: {off / ARCSEC:.0f} arcsec off')
         return found
 
     def _note_motion(self, track, before, exposed):
-        """Whether the encoder follows what was commanded, as far as that can be told by now.
+        """Check whether the encoder follows the command, as far as known by now.
 
-        Returns how far off it is, rad; 0 where that cannot be determined.
+        Returns its distance from the demand, rad; 0 if unknown.
         """
         instruments = self._instruments
         at = (instruments.stamp - track.start) * 1e-9
         at_rest = np.array_equal(instruments.here, before)
-        # an axis that still slews is where it should be; one that has not begun is not
+        # the distance counts for an axis that has arrived or has not started, not during a slew
         known = exposed or instruments.stamp > track.end or (at_rest and at > BEGUN)
         if not instruments.homed or not known:
             return 0.0
@@ -365,7 +364,7 @@ class Exposer:
         return distance
 
     def _conditions(self):
-        """Those of now; the thermometer's reading is that of before the last exposure."""
+        """Present conditions; the temperature is the last one before the last exposure."""
         site, weather = self._out.sky()
         celsius = self._active.thermometer.before(self.exposed, weather.temperature_c)
         run = self._instruments.run
@@ -373,23 +372,23 @@ class Exposer:
                           run, self._table.last_of(run))
 
     def now(self):
-        """Time of the next command: never before the last reading, whatever /clock lags."""
+        """Time of the next command: not before the last reading, even if /clock lags."""
         return max(self._instruments.stamp, self._out.now())
 
 
 class Measured(NamedTuple):
-    """What was measured in an exposure.
+    """Measurements in an exposure.
 
     Attributes
     ----------
     stamp : int
-        Of its middle, ns.
+        Mid-exposure, ns.
     miss : (float, float)
         Star - boresight, rad.
     enc, second : ndarray, shape (2,)
-        What the encoders read with the star centred, rad; NaN of the second where not known.
+        Encoder readings with the star centred, rad; NaN if unknown for the second.
     rate : ndarray, shape (2,)
-        Of the axes, rad/s.
+        Axis rates, rad/s.
     """
 
     stamp: int
@@ -410,12 +409,12 @@ def night_row(measured, pointing, conditions, block, blind, instruments, inclino
     block : int
         Number of the step of the plan.
     blind : bool
-        With model and zero alone.
+        Pointed with model and zero alone.
     instruments : Instruments
     inclinometer : pointing_model.active_calibration.Gauge
-        North and west.
+        Tilt to north and west.
     value : callable
-        Gives the value of a parameter of the observer.
+        Returns the value of a parameter of the observer.
 
     Returns
     -------
@@ -438,11 +437,11 @@ def night_row(measured, pointing, conditions, block, blind, instruments, inclino
         'magnitude': target.magnitude,
     }
     for name, parameter in (('exposure', 'exposure_s'), ('camera_late', 'camera_late_s')):
-        if value(parameter):  # as before where neither is used
+        if value(parameter):  # no columns if unused
             row[name] = value(parameter)
     if value('inclinometer'):
         row['lean_north'], row['lean_west'] = inclinometer.before(stamp, (np.nan, np.nan))
-    if ABSOLUTE not in instruments.names:  # no column: not one that gave no angle
+    if ABSOLUTE not in instruments.names:  # no such encoder: no columns
         for name in ('absolute_start', 'az_abs', 'el_abs'):
             del row[name]
     return row

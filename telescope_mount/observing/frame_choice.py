@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which frames of the camera count, and the readings of the encoders about each."""
+"""Selects camera frames, with the encoder readings around each."""
 
 from array import array
 from bisect import bisect_left
@@ -25,10 +25,10 @@ from pointing_model.encoder_difference import interpolate
 
 from .axis_demand import on_sky
 
-#: readings older than the last by this are of a new simulation, ns
+#: readings older than the last by more than this belong to a new simulation, ns
 CLOCK_JUMP = 1_000_000_000
-#: before an exposure, over which the rate of an axis is taken, ns: two readings a tenth of a
-#: second apart show a slip, not how the axis moves
+#: interval before an exposure over which the axis rate is averaged, ns: two readings a tenth of a
+#: second apart show stick-slip, not the rate
 RATE_OVER = 1_000_000_000
 ENCODERS = ('enc', 'abs')
 
@@ -50,18 +50,18 @@ class Readings:
         return len(self.stamps)
 
     def clear(self):
-        """Forget all."""
+        """Discard all readings."""
         self.stamps, self._angles = array('q'), array('d')
 
     def append(self, stamp, angles):
-        """Take a reading of both axes, rad."""
+        """Add a reading of both axes, rad."""
         if len(self.stamps) >= 2 * self._most:
             del self.stamps[:self._most], self._angles[:2 * self._most]
         self.stamps.append(stamp)
         self._angles.extend(angles)
 
     def since(self, stamp):
-        """The newest, back to the last one before `stamp`.
+        """The newest readings, back to the last one before `stamp`.
 
         Returns
         -------
@@ -74,7 +74,7 @@ class Readings:
 
 
 def beside(stamps, angles, track, begin, end):
-    """Readings less the track of the mount, from `begin` to `end`.
+    """Readings minus the track of the mount, from `begin` to `end`.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def beside(stamps, angles, track, begin, end):
     Returns
     -------
     times : ndarray, shape (k,)
-        Seconds since the begin of the track: `begin`, the readings in between, `end`.
+        Seconds since the start of the track: `begin`, the readings in between, `end`.
     way : ndarray, shape (k, 2)
         rad.
     """
@@ -105,21 +105,21 @@ def beside(stamps, angles, track, begin, end):
 
 
 def mean_over(stamps, angles, track, stamp, half):
-    """The mean of the readings over an exposure, as the image is one.
+    """Mean reading over an exposure, to match the image.
 
-    They are averaged beside the track, which is no straight line.
+    The difference from the track is averaged, since the track is not a straight line.
 
     Parameters
     ----------
     stamps, angles, track
-        As of `beside`.
+        See `beside`.
     stamp, half : int
-        Middle and half the length of the exposure, ns; `half` above 0.
+        Mid-exposure and half its length, ns; `half` must be above 0.
 
     Returns
     -------
     ndarray, shape (2,)
-        rad, on the turn of the reading in the middle.
+        rad, on the turn of the middle reading.
     """
     middle, _ = interpolate(stamps, angles, stamp)
     at, way = beside(stamps, angles, track, stamp - half, stamp + half)
@@ -128,23 +128,23 @@ def mean_over(stamps, angles, track, stamp, half):
 
 
 def half_of(exposure):
-    """Half the length of an exposure, s, in ns."""
+    """Half the length of an exposure (s), in ns."""
     return round(0.5e9 * exposure)
 
 
 class Exposures:
-    """Readings and frames since a track was commanded, and which of them belong together.
+    """Matches readings and frames since a track was commanded.
 
     Parameters
     ----------
     encoders : sequence of str
-        Of `ENCODERS`: those that an exposure must have readings of around it.
+        Subset of `ENCODERS`: each must have readings around an exposure.
 
     Attributes
     ----------
     restless : list of float
-        Of the frames on this track that did not count because the axes moved beside it: by how
-        much, rad.
+        Motion of the axes relative to the track in frames on this track that were refused for
+        it, rad.
     """
 
     def __init__(self, encoders=ENCODERS):
@@ -155,38 +155,38 @@ class Exposures:
 
     @property
     def end(self):
-        """Of the commanded track, ns; 0 without one."""
+        """End of the commanded track, ns; 0 without one."""
         return 0 if self._track is None else self._track.end
 
     def demand(self, stamp):
-        """Where the track leads at a stamp, rad, shape (2,); None where it does not."""
+        """Place on the track at a stamp, rad, shape (2,); None outside it."""
         return None if self._track is None else self._track.demand(stamp)
 
     def begin(self, track):
-        """Forget what was before: an `axis_demand.Track` is commanded."""
+        """Start with a new commanded `axis_demand.Track`; discard earlier frames."""
         self._track = track
         self._frames.clear()
         self.restless = []
 
     def forget(self):
-        """The clock began anew: what was read before is of no time that will be requested."""
+        """Discard everything after a restart of the clock: earlier stamps are meaningless."""
         for readings in self._readings.values():
             readings.clear()
         self._frames.clear()
         self._track = None
 
     def add_reading(self, encoder, stamp, angle):
-        """Take a reading.
+        """Add a reading.
 
         Returns
         -------
         bool
-            The clock went back, and what was before is forgotten.
+            Whether the clock went back, and earlier data was discarded.
 
         Raises
         ------
         ValueError
-            It is not newer than the one before.
+            The stamp is not newer than the previous one.
         """
         readings = self._readings[encoder]
         back = bool(readings) and stamp <= readings.stamps[-1]
@@ -198,14 +198,14 @@ class Exposures:
         return back
 
     def add_frame(self, stamp, x, y):
-        """Take a measured miss distance, rad."""
+        """Add a measured miss distance, rad."""
         self._frames.append((stamp, x, y))
 
     def at(self, encoder, stamp):
         """Angles and rates of an encoder at `stamp`; see `interpolate`.
 
-        The absolute encoder may give one axis alone; without both of the incremental one no star
-        can be pointed at: ValueError, as where there is no such encoder.
+        The absolute encoder may give one axis alone. The incremental one must give both, to point
+        at a star: otherwise ValueError, as for a missing encoder.
         """
         if encoder not in self._readings:
             raise ValueError('the mount has no such encoder')
@@ -216,15 +216,15 @@ class Exposures:
         return angles, rates
 
     def over(self, encoder, stamp, exposure):
-        """As `at`, on the mean over an exposure about `stamp`, as the image is one.
+        """The same as `at`, averaged over an exposure around `stamp`, to match the image.
 
         Parameters
         ----------
         encoder : str
         stamp : int
-            Its middle, ns.
+            Mid-exposure, ns.
         exposure : float
-            Its length, s.
+            Exposure time, s.
         """
         angles, rates = self.at(encoder, stamp)
         half = half_of(exposure)
@@ -234,7 +234,7 @@ class Exposures:
         return angles, rates
 
     def _settled(self, stamp, half, tolerance, smear):
-        """Whether the axes were on target, and did not move beside it, all the exposure long."""
+        """Whether the axes were on target and at rest relative to it during the whole exposure."""
         _, way = beside(*self._readings['enc'].since(stamp - half), self._track,
                         stamp - half, stamp + half)
         way = way * (np.cos(self._track.at(stamp)[1]), 1.0)
@@ -246,23 +246,23 @@ class Exposures:
         return moved <= smear
 
     def take(self, tolerance, refuse, exposure=0.0, smear=np.inf):
-        """The next frame on the commanded track that has readings of both encoders around it.
+        """The next usable frame on the commanded track, with readings of both encoders around it.
 
         Parameters
         ----------
         tolerance : float
             Largest difference of the encoder from its demand, on the sky, rad.
         refuse : callable
-            Called with the reason for a frame that cannot be used.
+            Called with the reason why a frame is unusable.
         exposure : float
-            Its length, s: the encoder must be within `tolerance` all that time; 0: in its middle.
+            Exposure time, s: the encoder must be within `tolerance` throughout; 0: at mid-exposure.
         smear : float
-            Largest way of the axes beside the track in that time, rad.
+            Largest motion of the axes relative to the track in that time, rad.
 
         Returns
         -------
         (int, ndarray) or None
-            Stamp in ns and miss distance (2,) in rad; None where there is none yet.
+            Stamp in ns and miss distance (2,) in rad; None if there is none yet.
         """
         if self._track is None:
             return None
@@ -275,7 +275,7 @@ class Exposures:
                 return None
             self._frames.popleft()
             if stamp - half < max([start, *(r.stamps[0] for r in self._readings.values() if r)]):
-                continue  # under way when the command came
+                continue  # exposure was under way at the command
             try:
                 reading, _ = self.at('enc', stamp)
             except ValueError as err:

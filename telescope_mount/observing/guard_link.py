@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The observer's side of the mount guard: what is requested of it, and what it allows."""
+"""The observer's connection to the mount guard: requests, and what the guard allows."""
 
 from msg_tools import convert, topics
 
@@ -25,7 +25,7 @@ ENDING = ('aborted', 'parking', 'parked')
 
 
 class GuardLink:
-    """Requests tracks, and takes the guard's status and what it sends to the mount.
+    """Requests tracks, and receives the guard's status and its commands to the mount.
 
     Parameters
     ----------
@@ -38,11 +38,11 @@ class GuardLink:
     known : bool
         Whether the guard has published its status.
     ends : str
-        Why the guard ends a plan, '' where it does not.
+        Why the guard ends the plan, '' if it does not.
     allowed : AllowedSky or None
-        Where the guard lets the tube look; None where that is unknown.
+        Where the guard lets the tube point; None if unknown.
     own_way : bool
-        Whether the mount slews as it likes to places that it is sent.
+        Whether the mount slews in its own way to places that it is sent to.
     """
 
     def __init__(self, node, mount):
@@ -54,7 +54,7 @@ class GuardLink:
         self._there, self._holds, self._refused, self._command = False, '', (0, ''), None
 
     def take_status(self, message, site):
-        """Take a message on `guard/status`; ValueError for a sky that cannot be."""
+        """Take a message on `guard/status`; ValueError for an invalid sky."""
         rows = {row.key: row.value for row in message.values}
         state, self.known = rows.get('state', ''), True
         self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
@@ -66,11 +66,11 @@ class GuardLink:
         self._holds = message.message if state in ('paused', 'inactive') else ''
 
     def site_changed(self, site):
-        """Know anew what it allows."""
+        """Recompute what is allowed at a new site."""
         self.allowed = AllowedSky.from_rows(self._rows, site)
 
     def take_command(self, message):
-        """Take what the guard sends to the mount."""
+        """Take a command of the guard to the mount."""
         self._command = Track(*convert.read_trajectory(message))
 
     def send_command(self, track):
@@ -80,21 +80,21 @@ class GuardLink:
         self._publisher.publish(self._request)
 
     def renew(self, wanted):
-        """Request the last track again, or withdraw it: the guard forgets what is not renewed."""
+        """Repeat the last request, or withdraw it: the guard drops unrepeated requests."""
         if self._request is not None and wanted:
             self._publisher.publish(self._request)
         else:
             self.withdraw()
 
     def withdraw(self):
-        """A track without points: the mount need not follow any."""
+        """Withdraw the request: a track without points."""
         request, self._request = self._request, None
         if request is not None:
             request.points = request.points[:0]
             self._publisher.publish(request)
 
     def refusal(self, stamp):
-        """Why the guard refused the track that began at `stamp` (ns); '' if it did not."""
+        """Why the guard refused the track that begins at `stamp` (ns); '' if it did not."""
         refused, reason = self._refused
         return reason if refused == stamp else ''
 
@@ -104,11 +104,11 @@ class GuardLink:
 
     @property
     def elsewhere(self):
-        """Why its sky may be another than that of the observer, '' where it is not."""
+        """Why the guard's site may differ from that of the observer, '' if it does not."""
         return self.allowed.elsewhere if self.allowed else ''
 
     def lacking(self):
-        """What a plan has to wait for before it begins, a list of str."""
+        """What a plan must wait for before it begins, list of str."""
         if not self.known:
             return ['the guard to say whether the mount may move']
         return [f'one site: {self.elsewhere}'] if self.elsewhere else []
@@ -120,5 +120,5 @@ class GuardLink:
         return self._holds if self._there else NO_GUARD
 
     def look(self):
-        """See whether a guard is there: it publishes its status."""
+        """Update whether a guard is present: it publishes its status."""
         self._there = self._node.publisher_count(topics.GUARD_STATUS) > 0

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What instruments give away of themselves that cannot be true, from their messages alone.
+"""Detects impossible data from instruments, from their messages alone.
 
-Nothing here knows what an instrument should read. It knows that stamps go on with time, that two
+It does not know what an instrument should read. It uses that stamps increase with time, that two
 instruments on one topic cannot both be right, that a measurement has noise, and that a mount that
-was told to move has moved.
+was commanded to move has moved.
 """
 
 import numpy as np
@@ -27,22 +27,22 @@ from pointing_model.sky.places import SIDEREAL
 
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
 CLOCK = 'clock of this machine'
-#: with which the sentences of `InstrumentHealth` begin
+#: beginning of the sentences of `InstrumentHealth`
 ALARM = 'instrument '
-#: a reading is not stamped so far ahead of the graph's time: a slew and a homing are, ns
+#: largest lead of a reading's stamp over graph time, ns: more than for a slew and a homing
 AHEAD = 600 * 10**9
-#: on the time of the wall: stamps ahead of and behind this machine's clock, of an exposure, ns
+#: on wall time: largest lead and lag of stamps relative to this machine's clock; lag of a frame, ns
 AHEAD_LIVE, BEHIND_LIVE, BEHIND_FRAME = 2 * 10**9, 5 * 10**9, 600 * 10**9
-#: a miss distance that no camera measures, rad
+#: no camera measures a larger miss distance, rad
 BEYOND_FIELD = 0.1
-#: stamps that go back by less are out of order, by more the clock went back, ns
+#: stamps that go back by less are out of order; by more the clock was set back, ns
 CLOCK_JUMP = 10**9
-#: messages without a fault after which one is over
+#: messages without a fault after which the fault is over
 RECOVERED = 5
-#: an encoder that differs by more from its demand did not follow the command, rad
+#: an encoder farther than this from its demand did not follow the command, rad
 OFF_TARGET = 60.0 * ARCSEC
 
-#: of a motion, by which a camera may see it wrongly
+#: largest relative error of a motion seen by a camera
 MOST_AMISS = 0.25
 
 #: what to do, by the kind of fault
@@ -64,34 +64,34 @@ REMEDIES = {
 
 
 class InstrumentHealth:
-    """Takes the messages of the instruments, and reports what cannot be.
+    """Receives the messages of the instruments, and reports impossible ones.
 
     Parameters
     ----------
     live : bool
-        Whether the time of the graph is that of the wall, and not simulated.
+        Whether graph time is wall time, not simulated time.
     """
 
     def __init__(self, live=False):
         self._live = live
-        self.field = BEYOND_FIELD  # rad: no camera sees a star farther from its boresight
-        self._faults = {}  # (instrument, kind) -> [sentence, messages without it since]
-        self._stamps = {}  # instrument -> (stamp, time of the graph) of its last good message
+        self.field = BEYOND_FIELD  # largest distance of a star from the boresight, rad
+        self._faults = {}  # (instrument, kind) -> [sentence, good messages since]
+        self._stamps = {}  # instrument -> (stamp, graph time) of its last good message
         self._frame, self._same = None, 0
         self._pair = None
-        self._unnamed = set()  # instruments with a publisher that is not known yet
-        self._others = {}  # instrument -> nodes that publish, where there are several
+        self._unnamed = set()  # instruments with an unidentified publisher
+        self._others = {}  # instrument -> publishing nodes, if several
 
     @property
     def sentences(self):
-        """What is wrong now and what to do: by (instrument, kind), a sentence each."""
+        """Present faults and what to do: (instrument, kind) -> sentence."""
         return {(name, kind): f'{ALARM}{name}: {text}; {REMEDIES[kind]}'
                 for (name, kind), (text, _) in self._faults.items()} | {
             (name, 'publishers'): f'{ALARM}{name}: {self._published_by(name)}'
             for name in self._others}
 
     def is_silent(self, *names):
-        """Whether one of `names`, or of all, spoke and has fallen silent."""
+        """Whether one of `names`, or any instrument, has fallen silent after publishing."""
         return any(kind == 'silent' and (not names or name in names)
                    for name, kind in self._faults)
 
@@ -102,7 +102,7 @@ class InstrumentHealth:
 
     @property
     def suspect(self):
-        """Whether an exposure that was made now may be another instrument's."""
+        """Whether an exposure made now may be from another instrument."""
         return bool(self._others or self._unnamed) or any(
             kind == 'stamps' for _, kind in self._faults)
 
@@ -110,7 +110,7 @@ class InstrumentHealth:
         return f'published by {" and ".join(self._others[name])}; end all but one'
 
     def _fault(self, name, kind, text):
-        """Keep a fault; '' where it is over at once. The text."""
+        """Store a fault; with '' it is over at once. Returns the text."""
         if text:
             self._faults[name, kind] = [text, 0]
         else:
@@ -125,46 +125,46 @@ class InstrumentHealth:
                 del self._faults[name, kind]
 
     def message_came(self, name):
-        """It is silent no more."""
+        """The instrument is no longer silent."""
         for kind in ('silent', 'never'):
             self._fault(name, kind, '')
 
     def silent(self, name, usual):
-        """Take that none has come for long; `usual` is the time between them, wall s."""
+        """No message for a long time; `usual` is the usual interval, wall s."""
         if np.isfinite(usual):
             self._fault(name, 'silent', f'silent; it sent something every {usual:.2g} s')
         else:
             self._fault(name, 'never', 'has sent nothing yet')
 
     def slow(self, name, usual, limit):
-        """Take how far apart its messages are, wall s, and what an answer may take."""
+        """Check the interval of messages, wall s, against the time allowed for an answer."""
         self._fault(name, 'slow', '' if not usual > limit else
                     f'a message every {usual:.0f} s, slower than answer_timeout_s = {limit:g}: '
                     'three of them are waited for')
 
     def unreadable(self, name, reason):
-        """Take why a message could not be read; the reason."""
+        """A message could not be read; returns the reason."""
         return self._fault(name, 'message', reason)
 
     def blanks(self, name, count):
-        """Take in how many targets in a row no star was seen; 0 after one was."""
+        """Number of consecutive targets without a star; 0 after a star."""
         self._fault(name, 'blank',
                     f'no star in the field of {count} targets in a row' if count else '')
 
     def zero(self, name, axis='', jump=0.0):
-        """Take by how much (rad) the zero of an axis' encoder jumped; without, that it is new."""
+        """The zero of an axis' encoder jumped by `jump` (rad); without arguments: a new zero."""
         if jump:
             self._fault(name, 'motion', '')
         self._fault(name, 'zero', '' if not jump else f'zero of the {axis} encoder jumped by '
                     f'{jump / ARCSEC:+.0f} arcsec without a power-on')
 
     def axes(self, name, text):
-        """Take how the axes do not follow the command, in words; '' where they do."""
-        # after a jump readings beside the track say no more
+        """How the axes fail to follow the command, in words; '' if they follow."""
+        # after a jump of the zero, deviations from the track mean nothing more
         self._fault(name, 'motion', '' if (name, 'zero') in self._faults else text)
 
     def clock(self, step=0.0, now=0):
-        """Take by how much (s) the clock of all stamps was set ahead, at `now` (ns); 0: no more."""
+        """The clock of all stamps was set ahead by `step` (s) at `now` (ns); 0: over."""
         time = np.datetime64(now, 'ns').astype('datetime64[s]').item()
         self._fault(CLOCK, 'step', '' if not step else
                     f'set {"ahead" if step > 0.0 else "back"} by {abs(step):.2f} s at '
@@ -172,15 +172,15 @@ class InstrumentHealth:
                     f'{abs(step) * SIDEREAL / ARCSEC:.1f} arcsec')
 
     def publishers(self, name, nodes, unnamed=False):
-        """Take who publishes an instrument's messages.
+        """Take the publishers of an instrument's messages.
 
         Parameters
         ----------
         name : str
         nodes : iterable of str
-            Names of nodes; one that was killed and started again may be there twice for a while.
+            Names of nodes; one that was killed and restarted may be listed twice for a while.
         unnamed : bool
-            Whether there is one more of which nobody knows yet who it is.
+            Whether there is another publisher that is not identified yet.
         """
         (self._unnamed.add if unnamed else self._unnamed.discard)(name)
         nodes = sorted(set(nodes))
@@ -190,23 +190,23 @@ class InstrumentHealth:
             self._others.pop(name, None)
 
     def forget_stamps(self):
-        """The clock of the graph began anew."""
+        """The graph clock was restarted."""
         self._stamps.clear()
 
     def stamp(self, name, stamp, now):
-        """Take the stamp of a message.
+        """Check the stamp of a message.
 
         Parameters
         ----------
         name : str
-            Of the instrument.
+            Name of the instrument.
         stamp, now : int
-            Of the message, and the graph's time; ns, `now` 0 where it is not known.
+            Stamp of the message, and graph time; ns, `now` is 0 if unknown.
 
         Returns
         -------
         str
-            Why the message cannot be used; '' if it can.
+            Why the message is unusable; '' if it is usable.
         """
         last, then = self._stamps.get(name, (None, 0))
         if stamp == 0:
@@ -230,16 +230,16 @@ class InstrumentHealth:
                                    'and the time of the graph does not')
         self._stamps[name] = stamp, now
         self._good(name, 'stamps')
-        if name != CAMERA:  # an image without a star says nothing of its unit
+        if name != CAMERA:  # an image without a star does not test the unit
             self._good(name, 'message')
         return ''
 
     def frame(self, name, x, y):
-        """Take a miss distance, rad; why it cannot be used, '' if it can."""
+        """Check a miss distance, rad; why it is unusable, '' if usable."""
         if not np.isfinite([x, y]).all():
             return ''
         if np.hypot(x, y) > self.field:
-            # the same words each time: one line of the log, not one a message
+            # the same words each time, so the log gets one line, not one per message
             return self.unreadable(name, f'a star outside the field, of {self.field / DEG:.3g} deg '
                                    '(field_deg): arcsec or degrees for radians?')
         self._good(name, 'message')
@@ -250,29 +250,29 @@ class InstrumentHealth:
                            'measures nothing')
 
     def number(self, name, finite):
-        """Take whether an encoder that was homed in this power-on gave a number."""
+        """Check whether an encoder that was homed in this power-on gives a number."""
         if finite:
             self._good(name, 'number')
         else:
             self._fault(name, 'number', 'no number, although it was homed in this power-on')
 
     def follows(self, name, distance, moved):
-        """Take how an axis encoder followed a command.
+        """Check how an axis encoder followed a command.
 
         Parameters
         ----------
         name : str
         distance : float
-            Of its reading from the demand, at the end of the track, rad.
+            Distance of its reading from the demand at the end of the track, rad.
         moved : bool
-            Whether it reads otherwise than before the command.
+            Whether the reading has changed since the command.
         """
         how = 'it' if moved else 'its reading has not changed since the command, and'
         self.axes(name, '' if distance <= OFF_TARGET else f'contradicts the commanded motion: {how}'
                   f' is {distance / ARCSEC:.0f} arcsec from the demand')
 
     def centres(self, name, before, after):
-        """Take the miss distance, rad, before and after the mount was moved by it.
+        """Check the miss distance, rad, before and after the mount was moved to centre the star.
 
         Returns
         -------
@@ -285,7 +285,7 @@ class InstrumentHealth:
             'arcsec off')
 
     def moves(self, name, seen, wanted):
-        """Take by how much a star moved in the camera, and by how much it had to, rad, shape (2,).
+        """Compare the motion of a star in the camera with the expected one, rad, shape (2,).
 
         Returns
         -------
@@ -299,21 +299,21 @@ class InstrumentHealth:
             f'{had} arcsec (x, y), and it says {found}')
 
     def turned(self, name, count, sense):
-        """Take that the last `count` miss distances fit the pointing with the camera turned."""
+        """The last `count` miss distances fit the pointing if the camera is rotated."""
         self._fault(name, 'sign', f'{sense} in the last {count} observations, by where the mount '
                     'was pointed')
 
     def doubted(self, name):
-        """Whether a camera has contradicted the motion, and not yet seen the mount move since."""
+        """Whether a camera has contradicted a motion, and has not been confirmed since."""
         return (name, 'sign') in self._faults
 
     def second(self, name, reading, first):
-        """Take readings of the second encoder and of the first at an observation, rad.
+        """Check readings of the second encoder against the first at an observation, rad.
 
         Returns
         -------
         bool
-            Whether the second one may be used: False where it stood still and the other moved.
+            Whether the second is usable: False if it stood still while the first moved.
         """
         reading, first = np.array(reading), np.array(first)
         before, self._pair = self._pair, (reading, first)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The instruments as the observer knows them: their last values, and which are silent."""
+"""The instruments seen by the observer: their last values, and which are silent."""
 
 import math
 import time
@@ -26,20 +26,20 @@ from .frame_choice import ENCODERS, Exposures
 from .instrument_health import ABSOLUTE, CAMERA, MOUNT, InstrumentHealth
 from .zero_jumps import ZeroJumps
 
-#: an axis slower than this stands still, rad/s
+#: an axis slower than this is at rest, rad/s
 STILL = 0.01 * DEG
-#: an instrument is silent after so long, wall s, so many of its usual periods, and of its longest
+#: limits for silence: wall s, multiple of the usual period, and multiple of the longest pause
 QUIET, PERIODS, LONGEST = 0.5, 5.0, 2.0
-#: between two looks, which are to be half a second apart, wall s
+#: interval between two calls of `watch` above which one is late (usually half a second), wall s
 LATE = 0.9
-#: s by which the clock of this machine leaves that which nobody can set, once it was set
+#: change of this machine's clock relative to the monotonic clock that shows it was set, s
 CLOCK_STEP = 0.1
-#: periods that must be known for that, and that are kept
+#: least number of known periods for a usual period, and number kept
 LEAST_GAPS, KEPT_GAPS = 10, 200
-#: gaps of which one that is slow is told
+#: number of gaps after which a slow instrument is reported
 SLOW_GAPS = 3
-#: wall seconds after which one that has never spoken is named; and one that has spoken for less
-#: than the second, in which it and all others are still starting
+#: wall seconds after which an instrument that never published is reported; and start-up time during
+#: which this longer limit also holds after its first message
 NEVER, STARTING = 1.5, 3.0
 
 
@@ -51,41 +51,41 @@ class Instruments:
     first_run : int
         Number of the first power-on.
     wall : callable
-        Seconds of a clock that goes on while simulated time stands still.
+        A monotonic clock that runs while simulated time stands still, s.
     now : callable
-        The graph's time, ns; 0 where it is not known.
+        Graph time, ns; 0 if unknown.
     absolute : bool
         Whether there is an absolute encoder.
     live : bool
-        Whether the time of the graph is that of the wall: instruments then speak on their own.
+        Whether graph time is wall time: instruments then publish on their own.
     axes : sequence of str
-        What the axes are called.
+        Names of the axes.
 
     Attributes
     ----------
     exposures : Exposures
         Readings and frames since the last command.
     stamp : int
-        Of the last reading of the incremental encoder, ns; 0 before the first.
+        Stamp of the last reading of the incremental encoder, ns; 0 before the first.
     here, rate : ndarray, tuple
-        Its angles, rad, and rates, rad/s, shape (2,); None before the first. A rate that it does
-        not tell is that since the reading before.
+        Its angles, rad, and rates, rad/s, shape (2,); None before the first. A missing rate is
+        computed from the previous reading.
     homed : bool
     run : int
-        Number of the power-on: a new one with each that the encoder tells, or, where it tells
-        none, each time that it has been homed.
+        Number of the power-on: it increases with each one that the encoder reports, or, if none
+        are reported, with each homing.
     power_on, absolute_power_on : PowerOn or None
-        What the incremental and the absolute encoder tell of it.
+        Power-ons reported by the incremental and the absolute encoder.
     began : int
-        How often the clock of the graph began anew.
+        How often the graph clock was restarted.
     names : tuple of str
-        Of the instruments that there are.
+        Names of the existing instruments.
     health : InstrumentHealth
-        What the instruments say that cannot be.
+        Faults of the instruments.
     excused : bool
-        Whether the last `watch` came late: nothing can be tested by it.
+        Whether the last `watch` was late: it is not a valid test.
     look : callable
-        Called at each exposure, so that `health` knows who publishes.
+        Called at each exposure to update the publishers in `health`.
     """
 
     def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0, absolute=True,
@@ -97,23 +97,23 @@ class Instruments:
         self.stamp, self.here, self.rate = 0, None, None
         self.homed, self.began = False, 0
         self.run = self._newest = first_run - 1
-        self.power_on, self._numbered = None, 0  # since which stamp the run has its number
+        self.power_on, self._numbered = None, 0  # stamp since which the run has its number
         self._axes, self._zero_jumps = axes, {}
         self._said = {}  # power-on of the last reading of each encoder
         self.absolute_power_on = None
-        self._runs = {}  # when a power-on began -> its number
+        self._runs = {}  # begin of a power-on -> its number
         self._wall = wall
         self._awaited_since, self._last_use = {}, {}
         self._first, self._last, self._stamped = {}, {}, {}
-        self._gaps, self._steps, self._pauses = {}, {}, {}  # of the wall, by stamps, the lesser
+        self._gaps, self._steps, self._pauses = {}, {}, {}  # wall time, stamps, lesser
         self._watched, self.excused = None, False
-        self._awaited = None  # since when all are to speak, wall s
-        self._ahead = None  # time of the graph less that of the wall, s
+        self._awaited = None  # since when messages of all are expected, wall s
+        self._ahead = None  # graph time minus wall time, s
 
     def take_incremental(self, stamp, angle, rate, power_on=None):
-        """Take a reading; True where the clock went back. ValueError for one out of order.
+        """Take a reading; True if the clock went back. ValueError for one out of order.
 
-        `power_on` is the `PowerOn` of it, None where none is known.
+        `power_on` is its `PowerOn`, None if unknown.
         """
         self.count_message(MOUNT, stamp)
         self._check_stamp(MOUNT, stamp)
@@ -132,7 +132,7 @@ class Instruments:
         return back
 
     def _look_for_jump(self, name, stamp, angle, power_on, there):
-        """Say of a zero that jumps within a power-on; another power-on has its own zero."""
+        """Report jumps of the zero within a power-on; each power-on has its own zero."""
         other = name not in self._zero_jumps or power_on != self._said.get(name)
         if other or not any(map(math.isfinite, angle)):
             self._said[name], self._zero_jumps[name] = power_on, ZeroJumps(name != MOUNT)
@@ -142,14 +142,14 @@ class Instruments:
             self.health.zero(name, self._axes[jumped[0]], jumped[1])
 
     def _by_incremental(self, stamp):
-        """Where the incremental encoder has the axes at a stamp, rad; None where it has not."""
+        """Axis angles of the incremental encoder at a stamp, rad; None if unknown."""
         try:
             return self.exposures.at('enc', stamp)[0]
         except ValueError:
             return None
 
     def _rate(self, stamp, angle, given):
-        """As given, or else from the reading before; NaN where that is none."""
+        """The given rate, or one from the previous reading; NaN if there is none."""
         rate = np.array(given, dtype=float)
         unknown = np.isnan(rate)
         if self.here is not None and stamp > self.stamp:
@@ -174,14 +174,14 @@ class Instruments:
         self.power_on = power_on
 
     def remember_runs(self, runs, starts):
-        """Number power-ons as the rows of the night so far do, and forget numbers of one's own.
+        """Number power-ons like the rows of the night so far, replacing our own numbers.
 
         Parameters
         ----------
         runs : array_like, shape (n,)
             Column ``run``.
         starts : array_like, shape (n,)
-            Column ``encoder_start``, UTC s; NaN where the encoder did not tell.
+            Column ``encoder_start``, UTC s; NaN if the encoder did not report it.
         """
         self._runs = {float(start): int(run) for run, start in zip(runs, starts)
                       if np.isfinite(start)}
@@ -189,13 +189,13 @@ class Instruments:
         if self.power_on is not None and self.power_on.started in self._runs:
             self.run = self._runs[self.power_on.started]
         elif self.homed:
-            # whether it is the power-on of the last rows nobody can tell: its own zero
+            # it may be another power-on than that of the last rows: use a separate zero
             self.run = self._newest = self._newest + 1
             if self.power_on is not None:
                 self._runs[self.power_on.started] = self.run
 
     def take_absolute(self, stamp, angle, power_on=None):
-        """As `take_incremental`, of the absolute encoder."""
+        """The same as `take_incremental`, for the absolute encoder."""
         self.count_message(ABSOLUTE, stamp)
         self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
@@ -205,7 +205,7 @@ class Instruments:
         return back
 
     def take_frame(self, stamp, x, y):
-        """Take a measured miss distance, rad; ValueError for one that cannot be."""
+        """Take a measured miss distance, rad; ValueError for an impossible one."""
         self.count_message(CAMERA, stamp)
         self.restart_silence(CAMERA)
         self._check_stamp(CAMERA, stamp)
@@ -215,7 +215,7 @@ class Instruments:
         self.exposures.add_frame(stamp, x, y)
 
     def clock_back(self):
-        """The clock of the graph began anew: stamps of before are those of a time to come."""
+        """The graph clock was restarted: earlier stamps would lie in the future."""
         self.exposures.forget()
         self.health.forget_stamps()
         self.stamp, self.began = 0, self.began + 1
@@ -223,23 +223,23 @@ class Instruments:
     def _check_stamp(self, name, stamp):
         now = self._now()
         if now and not self.live:
-            now = max(now, self.exposures.end)  # commanded for tomorrow it answers of tomorrow
+            now = max(now, self.exposures.end)  # stamps may be as late as the commanded track
         reason = self.health.stamp(name, stamp, now)
         if reason:
             raise ValueError(reason)
 
     def homed_since(self, stamp):
-        """Whether a reading after `stamp` says so, with the axes at rest.
+        """Whether a reading after `stamp` is homed, with the axes at rest.
 
-        Which reading comes in first must not decide what follows.
+        The result must not depend on which reading arrives first.
         """
         return (self.homed and self.stamp > stamp
                 and bool(np.all(np.abs(self.rate) <= STILL)))
 
     def count_message(self, name, stamp=None):
-        """Count a message, of use or not, and the time since the one before.
+        """Count a message, usable or not, and the time since the previous one.
 
-        A pause is one by its stamps (ns) too: where this process had no time, it is none.
+        A pause must also show in the stamps (ns): otherwise only this process was delayed.
         """
         now, last = self._wall(), self._last.get(name)
         self._first.setdefault(name, now)
@@ -256,10 +256,10 @@ class Instruments:
         self.health.message_came(name)
 
     def usual(self, name, least=LEAST_GAPS):
-        """Seconds between two of its messages; NaN where fewer than `least` such gaps are known.
+        """Usual seconds between its messages; NaN if fewer than `least` gaps are known.
 
-        Messages that waited for this process come all at once: live, their stamps tell how often
-        they were sent.
+        Messages that waited for this process arrive together: on wall time their stamps show how
+        often they were sent.
         """
         gaps, steps = (kept.get(name, ()) for kept in (self._gaps, self._steps))
         if len(gaps) < least:
@@ -267,17 +267,17 @@ class Instruments:
         return float(max(np.median(gaps), np.median(steps) if self.live and len(steps) else 0.0))
 
     def watch(self, answer):
-        """Say who has fallen silent, who has never spoken, and who is slow.
+        """Report instruments that have fallen silent, have never published, or are slow.
 
-        Where time is simulated instruments speak when they are asked, and nothing is reported.
+        In simulated time instruments publish on request, and nothing is reported.
 
         Parameters
         ----------
         answer : float
-            What an answer may take, wall s.
+            Time allowed for an answer, wall s.
         """
         now = self._wall()
-        # a look that comes late has messages before it that nobody has taken yet
+        # before a late call there may be messages that were not processed yet
         late = self._watched is not None and now - self._watched > LATE
         self._watched, self.excused = now, late and not self.excused
         if self.excused or not self.live:
@@ -297,9 +297,9 @@ class Instruments:
             self.health.slow(name, self.usual(name, SLOW_GAPS), answer)
 
     def _look_for_step(self):
-        """The wall's clock cannot be set: one that leaves it was, and all stamps with it."""
+        """Detect a step of the clock by comparison with the monotonic clock."""
         before, now = self._wall(), self._now()
-        if not now or self._wall() - before > 0.1 * CLOCK_STEP:  # no time between: no comparison
+        if not now or self._wall() - before > 0.1 * CLOCK_STEP:  # delayed in between: skip
             return
         ahead = now * 1e-9 - before
         self._ahead, last = ahead, self._ahead
@@ -307,31 +307,31 @@ class Instruments:
             self.health.clock(ahead - last, now)
 
     def restart_silence(self, name):
-        """Count the silence of an instrument from now on."""
+        """Restart the silence timer of an instrument."""
         self._last_use[name] = self._wall()
 
     def await_all(self):
-        """All of them are to answer from now on, which is returned; wall s."""
+        """Expect answers of all from now on; returns the time, wall s."""
         now = self._wall()
         self._awaited_since = dict.fromkeys(self.names, now)
         self._last_use = dict(self._awaited_since)
         return now
 
     def silent(self, seconds):
-        """Names of those that have said nothing for so long."""
+        """Names of instruments silent for this long."""
         now = self._wall()
-        # a slow one is late, not silent
+        # a slow instrument is late, not silent
         return [name for name, last in self._last_use.items() if now - last > seconds
                 and now - last > 3.0 * np.nan_to_num(self.usual(name, 1))]
 
     def mute(self, name, seconds):
-        """Whether one has sent nothing for so long, of use or not, since `restart_silence`."""
+        """Whether an instrument has sent nothing at all for this long since `restart_silence`."""
         last = max(self._last.get(name, -np.inf), self._last_use.get(name, -np.inf))
         passed = self._wall() - last
         return passed > seconds and passed > 3.0 * np.nan_to_num(self.usual(name, 1))
 
     def unanswered(self, seconds):
-        """Names of those without an answer since `await_all`, else of those silent for so long."""
+        """Names of those without an answer since `await_all`; if none, of silent ones."""
         mute = [name for name, last in self._last_use.items()
                 if last == self._awaited_since.get(name)]
         return mute or self.silent(seconds)

@@ -12,40 +12,40 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where an axis is too slow for a pass, and the way across with the fewest seconds lost.
+"""Where an axis is too slow for a pass, and the fastest way across, with the least time lost.
 
-Near the pole of the first axis what passes at any speed asks it for half a turn at once: of an
-alt-azimuth mount in the zenith, of an X/Y mount low in the north and south. The axis leaves the
-track a little before and goes at its full rate, so that it is there when the track has become slow
-enough: the shortest time in which that can be.
+Near the pole of the first axis a pass at any speed requires half a turn at once: in the zenith for
+an alt-azimuth mount, low in the north and south for an X/Y mount. The axis leaves the track shortly
+before and moves at its full rate, so that it arrives when the track has become slow enough: the
+shortest possible time.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-#: s between the moments that are looked at
+#: s between the times that are examined
 STEP = 0.25
-#: of the full rate and acceleration, with which the way across goes: the guard wants room for the
-#: cubic between knots, whose corners are sharper
+#: fractions of the full rate and acceleration used for the crossing: the guard needs a margin,
+#: since the cubic between knots has sharper corners
 _PART, _PART_OF_ACCELERATION = 0.97, 0.45
-#: of the acceleration that a track itself may ask for
+#: fraction of the acceleration that a track itself may need
 _SHARP = 0.6
-#: s between stretches that are too fast or too sharp for one keyhole
+#: gap between parts that are too fast or too sharp for one keyhole, s
 _GAP = 60.0
 
 
 class Keyhole(NamedTuple):
-    """A stretch of a pass that an axis cannot follow.
+    """Part of a pass that an axis cannot follow.
 
     Attributes
     ----------
     axis : int
         0 or 1.
     begin, end : float
-        When it leaves the track and is on it again, UTC seconds since 1970-01-01.
+        Times when the axis leaves the track and returns to it, UTC seconds since 1970-01-01.
     wanted : float
-        Largest rate that the pass asks for, rad/s.
+        Largest rate required by the pass, rad/s.
     """
 
     axis: int
@@ -60,21 +60,21 @@ class Keyhole(NamedTuple):
 
 
 def keyholes(time, angles, axes):
-    """The stretches of a pass that cannot be followed.
+    """The parts of a pass that cannot be followed.
 
     Parameters
     ----------
     time : ndarray, shape (n,)
         In steps of `STEP`, UTC seconds since 1970-01-01.
     angles : ndarray, shape (n, 2)
-        Of the axes on the track, without jumps by a turn, rad.
+        Axis angles on the track, without jumps by a turn, rad.
     axes : sequence of guard.limits.Axis
         Rates (rad/s) and accelerations (rad/s^2).
 
     Returns
     -------
     list of Keyhole
-        In the order of time.
+        In order of time.
     """
     out = []
     rates = np.gradient(angles, time, axis=0)
@@ -93,9 +93,9 @@ def keyholes(time, angles, axes):
 
 
 def _shortest(angle, rates, time, rows, rate, acceleration):
-    """First and last row of the shortest way across rows that are too fast."""
+    """First and last row of the shortest crossing of rows that are too fast."""
     sign = np.sign(rates[rows[len(rows) // 2]])
-    # what starting and ending slower than the full rate costs, in angle
+    # angle lost by starting and ending slower than the full rate
     cost = np.square(np.clip(rate - sign * rates, 0.0, None)) / (2.0 * acceleration)
     # needed: (angle + cost) at the end - (angle - cost) at the begin <= rate (t_end - t_begin)
     late = sign * angle - rate * time
@@ -113,15 +113,15 @@ def _shortest(angle, rates, time, rows, rate, acceleration):
 
 
 def across(time, angles, rates, keyhole, axis):
-    """Angles and rates of an axis with the way across a keyhole in the place of the track.
+    """Angles and rates of an axis, with the crossing of a keyhole instead of the track.
 
-    It changes its rate at full acceleration, goes evenly, and changes it again.
+    It changes its rate at full acceleration, moves uniformly, and changes it again.
 
     Parameters
     ----------
     time : ndarray, shape (n,)
     angles, rates : ndarray, shape (n,)
-        Of that axis on the track, rad, rad/s.
+        Of this axis on the track, rad, rad/s.
     keyhole : Keyhole
     axis : guard.limits.Axis
 

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The night so far on disk, so that whoever is killed goes on where it stopped.
+"""The night so far on disk, so that a killed observer can resume it.
 
-A line of JSON a row and a line a change of the plan's place, each on the disk before it is
-published. A line that a crash has cut short is left out.
+One line of JSON per row and per change of the plan's state, each on disk before it is published. A
+line that a crash has truncated is ignored.
 """
 
 import json
@@ -30,18 +30,18 @@ FORMAT, VERSION = 'telescope_mount plan state', 1
 
 
 class NightState(NamedTuple):
-    """What a file holds.
+    """Content of a file.
 
     Attributes
     ----------
     rows : list of dict
-        Of the night, as of `NightMemory`.
+        Rows of the night, see `NightMemory`.
     left : Progress or None
-        Where its plan stood.
+        State of its plan.
     evening : int
-        When the night began, ns.
+        Begin of the night, ns.
     before : int
-        Rows that are of plans before that one.
+        Number of rows of earlier plans.
     """
 
     rows: list = []
@@ -51,27 +51,27 @@ class NightState(NamedTuple):
 
 
 class NightFile:
-    """Rows and place of the plan of one night.
+    """Stores the rows and the state of the plan of one night.
 
     Parameters
     ----------
     path : str or Path
-        '': nothing is kept.
+        '': nothing is stored.
     mount : str
-        Kind of the mount, in words: rows of another one are not taken.
+        Kind of the mount: rows of another one are refused.
 
     Attributes
     ----------
     kept : NightState
-        What was in the file.
+        Content of the file at the start.
     error : str
-        What the disk has against it, '' for nothing. The night goes on, and what waits is written
-        when there is room again.
+        Disk error, '' if none. The night continues, and waiting lines are written when there is
+        room again.
 
     Raises
     ------
     ValueError
-        The file is no such file, or of another mount.
+        Not such a file, or one of another mount.
     OSError
         It cannot be read or written.
     """
@@ -87,7 +87,7 @@ class NightFile:
             lines = self._path.read_bytes().split(b'\n')
         except FileNotFoundError:
             return NightState()
-        self._whole = sum(len(line) + 1 for line in lines[:-1])  # what follows was cut short
+        self._whole = sum(len(line) + 1 for line in lines[:-1])  # the last line was truncated
         for number, line in enumerate(lines[:-1], 1):
             try:
                 entry = json.loads(line)
@@ -111,18 +111,18 @@ class NightFile:
                              f'{self._mount}')
 
     def forget(self):
-        """Begin anew; what was there is kept beside it."""
+        """Start again; the old file is renamed."""
         self.close()
         if self._path and self._path.exists():
             self._path.replace(self._path.with_name(self._path.name + '.before'))
         self._whole, self._waiting, self.kept = 0, b'', NightState()
 
     def row(self, row):
-        """Keep a row, a dict."""
+        """Store a row, a dict."""
         self._write({'row': row})
 
     def plan_state(self, progress, evening, before):
-        """Keep where the plan is; see `NightState`."""
+        """Store the state of the plan; see `NightState`."""
         if not self._path:
             return
         entry = {'plan': progress.rows(), 'evening': evening, 'before': before}
@@ -142,7 +142,7 @@ class NightFile:
             self._waiting = _line({'format': FORMAT, 'version': VERSION, 'mount': self._mount})
         self._waiting += _line(entry)
         try:
-            self._file.truncate(self._whole)  # what was cut short
+            self._file.truncate(self._whole)  # drop a truncated line
             rest = memoryview(self._waiting)
             while rest:
                 rest = rest[self._file.write(rest):]
@@ -154,7 +154,7 @@ class NightFile:
             self._waiting, self.error = b'', ''
 
     def close(self):
-        """Give the file free."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
         self._file = None

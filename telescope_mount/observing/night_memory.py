@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The rows of the night in memory, one an observation; what is in one: `exposure`."""
+"""The rows of the night in memory, one per observation; for their content see `exposure`."""
 
 from array import array
 from itertools import zip_longest
@@ -25,27 +25,27 @@ from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun, first_of_last
 from pointing_model.zero import MARK
 
-#: of each row, to go on with a night
+#: columns needed to resume a night
 NEEDED = ('time', 'run', 'block', 'star')
 
 
 class NightMemory:
     """Rows by the names of `run.COLUMNS`, and their ``stamp`` in ns.
 
-    A row takes 8 bytes a column; as a dict, as it comes and goes, it would be 2 kB. Rows are
-    counted from the first of the night on, whether it is still here or not.
+    A row takes 8 bytes per column, instead of 2 kB as a dict. Rows are numbered from the first of
+    the night, whether it is still kept or not.
 
     Parameters
     ----------
     mount : Mount, optional
-        Whose axes the angles are of.
+        Its axes define the angles.
     power_ons : int
-        So many have their rows kept, the last ones; 0: all.
+        Number of power-ons whose rows are kept, the latest ones; 0: all.
 
     Attributes
     ----------
     forgotten : int
-        Rows that are not kept.
+        Number of rows that are no longer kept.
     """
 
     def __init__(self, mount=ALTAZ, power_ons=0):
@@ -58,7 +58,7 @@ class NightMemory:
 
     @property
     def rows(self):
-        """Those that are kept, list of dict: names to numbers, and ``stamp``."""
+        """The kept rows, list of dict: names to numbers, and ``stamp``."""
         return self.rows_from(0)
 
     @rows.setter
@@ -68,18 +68,18 @@ class NightMemory:
             self._take(row)
 
     def rows_from(self, first):
-        """Rows from number `first` on, as `rows`; below 0 it counts from the end."""
+        """Rows from number `first` on, like `rows`; negative numbers count from the end."""
         if first >= 0:
             first = max(0, first - self.forgotten)
         return [{'stamp': stamp, **dict(zip_longest(self._names, values, fillvalue=np.nan))}
                 for stamp, values in self._rows[first:]]
 
     def latest(self, names, count):
-        """Columns of the last `count` rows, as `PointingRun` takes them."""
+        """Columns of the last `count` rows, for a `PointingRun`."""
         return {name: self._column(name, -count) for name in names}
 
     def _take(self, row):
-        # what a parameter adds in the night, the rows before have not
+        # columns that a parameter adds during the night are missing in earlier rows
         self._names += [name for name in row if name != 'stamp' and name not in self._names]
         self._rows.append((row['stamp'], array('d', [
             row.get(name, 0.0 if name == MARK else np.nan) for name in self._names])))
@@ -90,7 +90,7 @@ class NightMemory:
             self.forgotten += old
 
     def newest_rows(self, power_ons):
-        """How many rows of the last so many power-ons are here; 0: of all."""
+        """Number of kept rows of the last `power_ons` power-ons; 0: of all."""
         return len(self._rows) - first_of_last(self._column('run'), power_ons)
 
     def _column(self, name, first=0):
@@ -99,21 +99,21 @@ class NightMemory:
                          for _, values in self._rows[first:]], float)
 
     def restore(self, run, stamp, before=0):
-        """Take the rows of the night so far, of another table.
+        """Take the rows of the night so far from another table.
 
         Parameters
         ----------
         run : PointingRun
             With the column ``time``.
         stamp : int
-            Of the last row, ns: as seconds it is not known to the last one.
+            Stamp of the last row, ns: its time in seconds is not exact.
         before : int
-            Rows of the night that were not kept.
+            Number of rows of the night that were not kept.
 
         Raises
         ------
         ValueError
-            A column is missing: these are no rows of an observer.
+            A column is missing: not rows of an observer.
         """
         missing = [name for name in NEEDED if name not in run.columns]
         if missing:
@@ -127,28 +127,28 @@ class NightMemory:
         self.forgotten += before
 
     def trailing(self, block):
-        """How many of the last rows are of step `block` of the plan."""
+        """Number of trailing rows that are of step `block` of the plan."""
         others = np.flatnonzero(self._column('block') != block)
         return len(self._rows) - (int(others[-1]) + 1 if len(others) else 0)
 
     def add(self, row):
-        """Keep a row; as its own run, PointingRun."""
+        """Add a row; returns it as a PointingRun of one row."""
         self._take(row)
         return PointingRun({name: np.array([value], float) for name, value in row.items()
                             if name != 'stamp'}, self._meta)
 
     @property
     def newest(self):
-        """Stamp of the last row, ns; 0 without one."""
+        """Stamp of the last row, ns; 0 without rows."""
         return self._rows[-1][0] if self._rows else 0
 
     def stars_since(self, stamp):
-        """Numbers of the stars that were observed from `stamp` (ns) on, a set."""
+        """Numbers of the stars observed since `stamp` (ns), a set."""
         return {int(star) for (when, _), star in zip(self._rows, self._column('star'))
                 if when >= stamp}
 
     def last_stars(self, count):
-        """Numbers of the stars of so many rows, the last ones, a set."""
+        """Numbers of the stars of the last `count` rows, a set."""
         return set(self._column('star')[-count:].astype(int).tolist())
 
     def last_of(self, run):
@@ -157,7 +157,7 @@ class NightMemory:
         return last[0] if last and last[0]['run'] == run else None
 
     def all(self, again=False):
-        """Rows that are kept, a PointingRun; None where they were given before, unless `again`."""
+        """The kept rows, a PointingRun; None if unchanged since the last call, unless `again`."""
         if not self._rows or (len(self) == self._given and not again):
             return None
         self._given = len(self)
@@ -169,24 +169,24 @@ CHECKS_VERSION = 1
 
 
 def blind_summary(miss, lost=0, model=None):
-    """RMS of the miss distances of fresh stars pointed at blind, which is the pointing error.
+    """RMS of the miss distances of new stars pointed at blind: the pointing error.
 
     Parameters
     ----------
     miss : array_like, shape (n, 2)
-        Star - boresight towards +A and +E, rad, of first exposures: active model and zero,
-        nothing centred.
+        Star - boresight towards +A and +E, rad, of first exposures, with active model and zero
+        and without centring.
     lost : int
-        Stars that were not in the field, and so are in no figure.
+        Stars that were not in the field, not included in the statistics.
     model : PointingModel, optional
-        That was active.
+        The active model.
 
     Returns
     -------
     dict
         ``stars``, ``lost``, ``rms_arcsec`` (radial), ``rms_x_arcsec``, ``rms_y_arcsec``,
-        ``mean_x_arcsec``, ``mean_y_arcsec``, ``max_arcsec``, None where there is no star;
-        ``terms`` and ``effects`` of the model.
+        ``mean_x_arcsec``, ``mean_y_arcsec``, ``max_arcsec``, None without stars; ``terms`` and
+        ``effects`` of the model.
     """
     miss = np.asarray(miss, dtype=float).reshape(-1, 2) / ARCSEC
     names = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'mean_x_arcsec', 'mean_y_arcsec',

@@ -14,7 +14,7 @@
 
 """The steps of an observing plan, each a generator of conditions to wait for.
 
-Nothing here knows ROS; what a step asks for is the outbox of the `Sequencer`.
+This module does not use ROS; requests go through the outbox of the `Sequencer`.
 """
 
 from dataclasses import replace
@@ -38,28 +38,28 @@ from .plan import POWER_CYCLES
 from .step_targets import StepTargets
 from .tracking_step import hold_error
 
-#: the last stars, which `track` does not take again
+#: number of last stars that `track` does not observe again
 LAST_ONES = 10
-#: targets in a row that the guard refuses, after which the plan is given up
+#: consecutive targets refused by the guard after which the plan is given up
 REFUSALS = 5
-#: what to do where `home` is not there, or has been called and does not answer
+#: what to do if `home` is missing, or was called and does not answer
 AFTER_HOME = ("start the mount's driver, or leave home out of the plan",
               "it homes the mount; if the axes stand, look at the mount's driver")
-#: services of drivers; those of a simulated mount know what is asked again
+#: services of drivers that move; those of a simulated mount recognise repeated calls
 MOVING = ('home', *{service for services in POWER_CYCLES.values() for service in services})
-BEST = 35.0, 65.0  # elevation of a star that both axes follow evenly, deg
+BEST = 35.0, 65.0  # elevation at which both axes move evenly, deg
 _HOUR = 3_600_000_000_000  # ns
 
 
 class NightSteps:
-    """What a plan can do.
+    """Carries out the steps of a plan.
 
     Parameters
     ----------
     outbox, instruments, active, table
-        As of a `Sequencer`.
+        See `Sequencer`.
     wake : callable
-        Goes on with the plan: no message need follow an answer.
+        Continues the plan: an answer need not be followed by a message.
     keep : callable
         Called with a row before it is published.
 
@@ -67,29 +67,29 @@ class NightSteps:
     ----------
     exposer : Exposer
     progress : Progress
-        How far the plan is.
+        Progress of the plan.
     text : str
         What it does or waits for.
     evening : int
-        When the night began, or its last `wait` was over, ns.
+        Begin of the night, or end of its last `wait`, ns.
     checks : list of dict
         Blind checks so far.
     clocks : dict
-        What the last step `clocks` has measured.
+        Result of the last step `clocks`.
     calibrated : msg_tools.status_rows.Taken
         Observations that have reached the calibration.
     homes : bool
         Whether the plan homes the mount itself.
     earlier : int
-        Rows of this step that an observer before has taken.
+        Rows of this step taken by an earlier observer.
     refusal : str
-        The last target that the guard has refused, and why.
+        The last target refused by the guard, and why.
     wanted : StarRequest or None
-        The star that the calibration wants.
+        The star that the calibration requests.
     outcome : str
-        What the last step that reports it has come to.
+        Outcome of the last step that has one.
     refused : set of int
-        Numbers of the stars that the guard has refused.
+        Numbers of the stars refused by the guard.
     targets : StepTargets
     """
 
@@ -102,11 +102,11 @@ class NightSteps:
         self.progress, self.text = Progress(), 'the start'
         self.evening, self.checks, self.calibrated = 0, [], Taken()
         self.homes, self.earlier, self.clocks = False, 0, {}
-        self._refusals, self.refused = 0, set()  # how often in a row
+        self._refusals, self.refused = 0, set()  # consecutive refusals
         self.refusal, self.wanted, self.outcome = '', None, ''
 
     def do(self, step, done=0):
-        """Steps that do `step`, of which so many exposures are done."""
+        """Steps that carry out `step`, of which `done` exposures exist already."""
         self.outcome = ''
         if step.count:
             yield from self._need_home()
@@ -114,11 +114,11 @@ class NightSteps:
         yield from getattr(self, f'_do_{step.verb}')(left)
 
     def set_waiting(self, what):
-        """Waiting for `what`, or for nothing."""
+        """Set the state to waiting for `what`; '' ends the wait."""
         self.set_state('waiting' if what else 'observing', what or self.progress.step)
 
     def set_state(self, state, text):
-        """Take the state of the plan, and what is reported of it."""
+        """Set the state of the plan, and its text."""
         self.progress.state, self.text = state, text
 
     def send_checks(self):
@@ -129,12 +129,12 @@ class NightSteps:
 
     @property
     def clocks_are_off(self):
-        """Whether they differ."""
+        """Whether the clocks differ."""
         return camera_delay.is_off(self.clocks.get('found'))
 
     @property
     def clocks_sentence(self):
-        """What is known of the clocks of camera and encoder, '' where nothing is."""
+        """Sentence on the clocks of camera and encoder, '' if not measured."""
         return self.clocks and camera_delay.sentence(
             self.clocks['found'], self.clocks['camera_late_s'], self.clocks['absolute']) or ''
 
@@ -144,7 +144,7 @@ class NightSteps:
         yield from self.observe_fresh(step.count)
 
     def _do_check(self, step):
-        """Point at fresh stars blind: the miss distance is the pointing error."""
+        """Point at new stars blind: the miss distance is the pointing error."""
         first = len(self.table) - self.earlier
         lost = self.progress.lost
         yield from self.observe_fresh(step.count, blind=True)
@@ -154,7 +154,7 @@ class NightSteps:
         self.send_checks()
 
     def _do_clocks(self, step):
-        """Drift past one star to and fro: what the readings differ by is the clocks' offset."""
+        """Drift back and forth past one star: differences of the readings give the clock offset."""
         exposer, value = self.exposer, self.out.value
         while True:
             (star,) = self.fresh_stars(1, between=BEST)
@@ -170,7 +170,7 @@ class NightSteps:
         rows, seconds = [], []
         full = camera_delay.rate_for(value('exposure_s'), value('clock_rate_arcsec_s'))
         for rate in camera_delay.legs(step.count, full):
-            out = np.abs(place) > camera_delay.FARTHEST  # an exposure that took long led too far
+            out = np.abs(place) > camera_delay.FARTHEST  # a long exposure went too far
             rate = np.where(out, -np.sign(place) * np.abs(rate), rate)
             row, second, place = yield from exposer.drift(pointing, rate, place)
             rows += [row] if row else []
@@ -183,22 +183,22 @@ class NightSteps:
             'absolute': camera_delay.offset_of(seconds), 'absolute_exposures': seconds}
         if self.clocks['found'] is None or self.clocks_are_off:
             self.out.get_logger().warning(self.clocks_sentence)
-        else:  # a logger takes one severity from one line
+        else:  # rclpy loggers allow one severity per line of code
             self.out.get_logger().info(self.clocks_sentence)
         self.send_checks()
 
     def _do_track(self, step):
-        """Keep the expected error of the model below a goal, with as few stars as do it."""
+        """Keep the expected error of the model below a goal, with as few stars as possible."""
         self.outcome = yield from hold_error(self, step)
         self.announce(self.outcome)
 
     def _do_tell_apart(self, step):
-        """What the calibration asks for, to separate causes."""
+        """Observe what the calibration requests, to separate causes."""
         self.outcome = yield from distinguish_causes(self, step)
         self.announce(self.outcome)
 
     def announce(self, words):
-        """Log what is done, and make it the state of the plan."""
+        """Log what is done, and set it as the text of the plan."""
         self.out.get_logger().info(words)
         self.set_state('observing', words)
 
@@ -207,7 +207,7 @@ class NightSteps:
         rows = len(self.table)
         for _ in range(step.count):
             yield from self.observe(self.targets.polaris)
-        if len(self.table) == rows:  # a zero now would be that of an earlier power-on
+        if len(self.table) == rows:  # otherwise the zero would be of an earlier power-on
             raise CallRefused(
                 f'none of {step.count} exposures shows Polaris: look at sky, site and time')
 
@@ -222,7 +222,7 @@ class NightSteps:
                               'sky, site and time')
 
     def _do_zero(self, step):
-        """By Polaris where it is well up, else by stars."""
+        """By Polaris if it is high enough, else by stars."""
         way = self.targets.for_zero(self.evening).way(step.count)
         self.out.get_logger().info(f'zero by {"Polaris" if way.polaris else "stars"}: {way.why}')
         if not way.polaris:
@@ -240,25 +240,25 @@ class NightSteps:
                 self.out.value('satellite_interval_s') * 1e9)
 
     def _do_pass(self, step):
-        """A satellite through its next pass."""
+        """Observe a satellite through its next pass."""
         yield from self._need_home()
         self.outcome = yield from observe_pass(self, step)
         self.announce(self.outcome)
 
     def _do_wait(self, step):
-        """Stand still until so many hours after the last evening: the next one."""
+        """Stand still until this many hours after the last evening, the next evening."""
         self.evening = self.exposer.earliest = self.evening + step.count * _HOUR
-        self.refused.clear()  # the Sun is elsewhere then
+        self.refused.clear()  # the Sun has moved
         yield from self.exposer.expose(AxesAtRest(self.instruments.here, self.out.mount()))
 
     def _do_home(self, _=None):
         self.homes = True
-        yield from self.exposer.until_free()  # homing moves the mount, whoever guards it
+        yield from self.exposer.until_free()  # homing moves the mount, so ask the guard
         before = self.instruments.stamp
         while not self.instruments.homed_since(before):
             yield from self._call('home', lambda: self.instruments.homed_since(before))
-            # an encoder that was connected late has missed the crossing: home again when it says
-            # nothing at all; one whose readings are refused would be homed for ever
+            # an encoder that was connected late has missed the crossing: home again if it sends
+            # nothing at all; if its readings are refused, homing would be repeated forever
             self.instruments.restart_silence(MOUNT)
             yield from self.until(
                 lambda: self.instruments.homed_since(before) or self.instruments.mute(
@@ -269,7 +269,7 @@ class NightSteps:
             if service == 'power_cycle':
                 self.instruments.homed = False
             before = self.active.power_on
-            # of the absolute encoder only a reading tells
+            # the absolute encoder reports it only with a reading
             known = service == 'power_cycle' and before is not None
             yield from self._call(service, lambda before=before, known=known: (
                 known and self.active.power_on != before))
@@ -282,24 +282,24 @@ class NightSteps:
         def there():
             return max(known.zero_stamp, known.refused_stamp) >= newest
 
-        before = there()  # of a fit with the same rows
+        before = there()  # from a fit with the same rows
         yield from self._call('calibrate_zero', lambda: not before and there())
         yield from self.until(there, 'the new zero')
-        if known.zero_stamp < newest:  # the fit makes a zero of each power-on
+        if known.zero_stamp < newest:  # the fit makes a zero for each power-on
             self.out.get_logger().warning(
                 'the new zero is of a power-on that is over: the old one stays active')
-        self.instruments.health.clock()  # stars by the clock as it is now
+        self.instruments.health.clock()  # the zero includes the present clock error
 
     def _do_new_model(self, step):
         yield from self.new_model(step.verb)
 
-    # after `judge` it is the amended model, or the one before: published once more either way
+    # after `judge` it is the amended model, or the previous one: published again in either case
     _do_fit = _do_diagnose = _do_judge = _do_new_model
 
     # --- parts of steps -----------------------------------------------------------------------
 
     def observe_fresh(self, count, blind=False):
-        """Observe so many fresh stars; for one that the guard refuses another one is chosen."""
+        """Observe `count` new stars; one that the guard refuses is replaced by another."""
         targets = self.fresh_stars(count)
         while targets:
             refused = 0
@@ -313,7 +313,7 @@ class NightSteps:
                 return
 
     def observe(self, target, blind=False, for_zero=False, fresh=False, pointing=None):
-        """Observe a target; whether it counts: a `fresh` one that the guard refuses does not."""
+        """Observe a target; whether it counts: a `fresh` one refused by the guard does not."""
         row = yield from self.exposer.observe(target, self.progress.block, blind, pointing)
         refused = row is None and bool(self.exposer.refusal)
         if refused:
@@ -334,7 +334,7 @@ class NightSteps:
         return True
 
     def _note_refusal(self, target):
-        """The guard refuses a target; `CallRefused` where it does so again and again."""
+        """Note that the guard refused a target; `CallRefused` after too many in a row."""
         why = self.exposer.refusal
         self.refusal = f'{target.name}: {why}'
         self.progress.refused += 1
@@ -346,14 +346,14 @@ class NightSteps:
             raise CallRefused(f'{REFUSALS} targets in a row were refused: {why}')
 
     def fresh_stars(self, count, again=False, **limits):
-        """Targets that were not observed tonight; with `again` also those, but for the last."""
+        """Targets not observed tonight; with `again` also observed ones, except the last."""
         known = self.table.last_stars(LAST_ONES) if again else self.table.stars_since(self.evening)
         return self.targets.all_over_the_sky(
             count, self.progress.block, [*known, *self.refused, POLARIS_HIP],
             stay_up=not again, **limits)
 
     def new_model(self, verb):
-        """Have the calibration make a model of all rows, and wait for it."""
+        """Have the calibration make a model from all rows, and wait for it."""
         yield from self.calibration_has_all()
         known, newest = self.active, self.table.newest
         before = known.models
@@ -366,7 +366,7 @@ class NightSteps:
         yield from self.until(known.zero_is_of_model, 'the zero of the new model')
 
     def calibration_has_all(self):
-        """Wait until the calibration has taken all rows."""
+        """Wait until the calibration has received all rows."""
         yield from self.until(
             lambda: self.calibrated.has(self.table.newest_rows(self.calibrated.power_ons),
                                         self.table.newest),
@@ -376,8 +376,8 @@ class NightSteps:
         health = self.instruments.health
         if health.blocked:
             yield from self.until(lambda: not health.blocked, f'an end: {health.blocked}')
-        # taken up again, nothing was read yet; where the time of the graph waits for events,
-        # nothing would be before something moves
+        # a resumed plan has no reading yet; if graph time waits for events, there will be none
+        # before something moves
         if self.homes and self.instruments.here is None and self.instruments.live:
             yield from self.until(lambda: self.instruments.here is not None,
                                    'the encoder to say where it stands')
@@ -389,20 +389,20 @@ class NightSteps:
                                    'the encoder to be homed (call home)')
 
     def _call(self, verb, effect):
-        """Call a service, until it has answered or `effect` shows that it was done."""
+        """Call a service until it answers, or `effect` shows that it was carried out."""
         def wait(condition, what):
             if verb == 'home':
                 what = f'{what}: {AFTER_HOME[what.endswith("to answer")]}'
             return self.until(condition, what)
 
-        # a driver that is at it need not know that it is asked again
+        # a real driver may not recognise a repeated call
         patient = verb in MOVING and not self.out.value('use_sim_time')
         answer = yield from call(verb, self.out.client(verb), self._wake, wait, effect, patient,
                                  0.0 if verb in MOVING else self.out.value('give_up_s'))
         self.out.get_logger().info(answer)
 
     def until(self, condition, what):
-        """Wait for a condition, which is called so."""
+        """Wait for a condition, described by `what`."""
         self.set_waiting(what)
         yield condition
         self.set_waiting('')

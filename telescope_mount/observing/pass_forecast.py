@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a pass will be like: how high, how fast, in the Sun or not, what a keyhole costs."""
+"""Forecast of a pass: height, speed, sunlight, and time lost in keyholes."""
 
 from typing import NamedTuple
 
@@ -27,8 +27,8 @@ from pointing_model.sky.site import DEFAULT_SITE
 
 from .keyhole import STEP, keyholes
 
-#: s between the moments at which a pass is looked at first, and part of an axis' rate from which
-#: on it is looked at in steps of `STEP`
+#: coarse time step for a pass, s, and fraction of an axis' rate above which it is examined in steps
+#: of `STEP`
 _COARSE, _FAST = 5.0, 0.3
 
 
@@ -38,24 +38,24 @@ class PassForecast(NamedTuple):
     Attributes
     ----------
     name : str
-        Of the satellite.
+        Name of the satellite.
     start, end, top : float
         UTC, seconds since 1970-01-01.
     top_az, top_el : float
         rad.
     sunlit : float
-        Part of the pass, 0 to 1.
+        Sunlit fraction of the pass, 0 to 1.
     sun_el : float
-        Of the Sun at the top, rad.
+        Elevation of the Sun at culmination, rad.
     sun_distance : float
-        Least, rad.
+        Smallest distance from the Sun, rad.
     phase : float
-        Angle at the satellite between Sun and observer at the top, rad: 0 is full.
+        Angle at the satellite between Sun and observer at culmination, rad: 0 is full.
     fastest : float
         Largest rate on the sky, rad/s.
     keyholes : list of Keyhole
     orbit_sigma : float
-        Of a coordinate of the orbit at the top, m.
+        Sigma of a coordinate of the orbit at culmination, m.
     """
 
     name: str
@@ -74,7 +74,7 @@ class PassForecast(NamedTuple):
 
     @property
     def lost(self):
-        """Seconds that keyholes cost."""
+        """Seconds lost in keyholes."""
         return sum(one.lost for one in self.keyholes)
 
     def document(self):
@@ -92,18 +92,18 @@ class PassForecast(NamedTuple):
 
 
 def pass_track(orbit, one, site, weather=DEFAULT_WEATHER, mount=ALTAZ, step=STEP, margin=60.0):
-    """Times and angles of the axes through a pass.
+    """Times and axis angles through a pass.
 
     Parameters
     ----------
     orbit
-        As of `passes`.
+        See `passes`.
     one : satellite_passes.Pass
     site : Site
     weather : Weather
     mount : Mount
     step, margin : float
-        s between the times, and s before and after it.
+        s between the times, and s before and after the pass.
 
     Returns
     -------
@@ -125,26 +125,26 @@ def pass_forecasts(orbit, start, hours, site=DEFAULT_SITE, *, mount=ALTAZ, axes=
     Parameters
     ----------
     orbit
-        As of `passes`.
+        See `passes`.
     start, hours, site
-        As of `passes`.
+        See `passes`.
     mount : Mount
     axes : sequence of guard.limits.Axis, optional
-        Rates and accelerations; without them no keyhole is looked for.
+        Rates and accelerations; without them keyholes are not searched.
     low : float
         Least elevation, rad.
     dark : bool
-        Only where it can be seen: in the Sun, with the Sun 12 degrees below the horizon.
+        Only while visible: sunlit, with the Sun 12 degrees below the horizon.
 
     Returns
     -------
     list of PassForecast
-        In the order of time.
+        In order of time.
     """
     out = []
     for one in passes(orbit, start, hours, site, low, dark=dark, step=30.0):
         if not one.end > one.start:
-            continue  # it ends as the hours begin
+            continue  # it ends where the search begins
         time, angles = pass_track(orbit, one, site, mount=mount, step=_COARSE)
         inside = np.linspace(one.start, one.end, max(
             3, int(np.ceil((one.end - one.start) / _COARSE)) + 1))
@@ -154,7 +154,7 @@ def pass_forecasts(orbit, start, hours, site=DEFAULT_SITE, *, mount=ALTAZ, axes=
         top = int(np.argmax(el))
         found = _keyholes(orbit, one, site, mount, axes, time, angles) if axes else []
         sky = np.hypot(np.gradient(np.unwrap(az), inside) * np.cos(el), np.gradient(el, inside))
-        # the Sun is as far as from the Earth: its direction at the satellite is the observer's
+        # the Sun is so far away that its direction is the same from satellite and observer
         out.append(PassForecast(
             orbit.name, one.start, one.end, one.top, float(az[top]), float(one.top_el),
             float(np.mean(in_sunlight(orbit, inside))), float(sun_el[top]),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The step ``pass`` of a plan: wait for a satellite, follow it, lose as little as can be."""
+"""The step ``pass`` of a plan: wait for a satellite and follow it, with the least time lost."""
 
 import numpy as np
 
@@ -27,24 +27,24 @@ from .pass_forecast import pass_forecasts, pass_track
 
 #: h within which a pass must begin
 SOON = 24.0
-#: s before its begin that the axes go there
+#: s before its begin at which the axes go there
 _EARLY = 60.0
-#: of the stretch of sky between two knots of a track that is cubic in between, arcsec
+#: largest sky distance between two knots of a track that is cubic in between, arcsec
 _STRETCH = 2000.0 * ARCSEC
 _LEAST_KNOT = 0.5
 #: s from a command to the end of an exposure on its track
 _EXPOSED = 3.0
-#: an axis of a track stays so far within its travel, rad
+#: margin of a track to the ends of the axis' travel, rad
 _EDGE = 1.0 * DEG
 
 
 class PassPointing(Pointing):
-    """A satellite while the mount follows it: across a keyhole the axes go their shortest way.
+    """A satellite that the mount follows; across a keyhole the axes take the shortest way.
 
     Parameters
     ----------
     target, active, aim, mount, meridian_limit
-        As of `Pointing`.
+        See `Pointing`.
     forecast : PassForecast
     way : callable
         Time (UTC s), shape (n,) -> angles of the axes across its keyholes, shape (n, 2), rad.
@@ -56,7 +56,7 @@ class PassPointing(Pointing):
         self.knot = float(np.clip(_STRETCH / forecast.fastest, _LEAST_KNOT, KNOT))
 
     def place(self, stamps, site, air):
-        """As of `Pointing`; across a keyhole where the axes are to be."""
+        """See `Pointing`; across a keyhole the intended place of the axes."""
         first, second = super().place(stamps, site, air)
         angles, time = np.stack((first, second), axis=-1), stamps * 1e-9
         for hole in self._forecast.keyholes:
@@ -68,14 +68,14 @@ class PassPointing(Pointing):
         return angles[:, 0], angles[:, 1]
 
     def keep_within(self, travel, start, site, air):
-        """End its tracks before an axis leaves its travel: the next one is on the other side.
+        """End its tracks before an axis leaves its travel; the next track is on the other side.
 
         Parameters
         ----------
         travel : sequence of (float, float)
             Ends of both axes, rad.
         start : int
-            Of the first track, ns.
+            Begin of the first track, ns.
         site : Site
         air : Weather
         """
@@ -88,7 +88,7 @@ class PassPointing(Pointing):
 
 
 def next_pass(orbit, now, site, mount, axes, low):
-    """The pass that is up or comes next, a `PassForecast`.
+    """The present or next pass, a `PassForecast`.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def next_pass(orbit, now, site, mount, axes, low):
 
 
 def way_through(orbit, forecast, site, weather, mount, axes):
-    """Angles of the axes through a pass, across its keyholes, as of `PassPointing`."""
+    """Axis angles through a pass and across its keyholes, for `PassPointing`."""
     from scipy.interpolate import CubicHermiteSpline
     time, angles = pass_track(orbit, forecast, site, weather, mount)
     rates = np.gradient(angles, STEP, axis=0)
@@ -114,7 +114,7 @@ def way_through(orbit, forecast, site, weather, mount, axes):
 
 
 def observe_pass(night, step):
-    """Steps that observe a satellite through its next pass; what came of it, in words.
+    """Steps that observe a satellite through its next pass; the outcome in words.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def observe_pass(night, step):
     Raises
     ------
     CallRefused
-        The file of its orbit cannot be read, or no pass comes soon.
+        The file of its orbit cannot be read, or there is no pass soon.
     """
     value, exposer, guard = night.out.value, night.exposer, night.out.guard
     try:
@@ -163,19 +163,19 @@ def observe_pass(night, step):
 
 
 def _wait_for(night, stamp, name):
-    """Nothing is commanded before a stamp, ns; a clock that goes on by itself is waited for."""
+    """Command nothing before a stamp, ns; wait if the clock runs by itself."""
     night.exposer.earliest = stamp
     if _goes_on(night):
         yield from night.until(lambda: night.out.now() >= stamp, name)
 
 
 def _goes_on(night):
-    """Whether time goes on by itself: without requests that are renewed it waits for events."""
+    """Whether time runs by itself: without repeated requests it waits for events."""
     return night.instruments.live or night.out.value('renew_request_s') > 0.0
 
 
 def _beside(keyholes, stamp):
-    """The stamp, ns, or the end of the keyhole in which nothing would be seen then."""
+    """The stamp, ns, or the end of the keyhole in which nothing could be observed then."""
     for hole in keyholes:
         if hole.begin - _EXPOSED < stamp * 1e-9 < hole.end:
             return round(hole.end * 1e9)
@@ -183,7 +183,7 @@ def _beside(keyholes, stamp):
 
 
 def _axes(night):
-    """What a track may ask of the axes: by the guard where it says so, else by the observer."""
+    """Limits of the axes for a track: those of the guard if known, else of the observer."""
     allowed = night.out.guard.allowed
     rate = night.out.value('slew_rate_deg_s') * DEG
     motion = allowed.motion if allowed is not None and len(allowed.motion) == 2 else (

@@ -20,30 +20,30 @@ from dataclasses import dataclass, replace
 
 from msg_tools.units import ARCSEC
 
-#: stars of a block of a night, and exposures for a zero, where nothing else is asked for
+#: default number of stars in a block of a night, and of exposures for a zero
 BLOCK_STARS, ZERO_EXPOSURES = 30, 16
 _UNIT = 'arcsec'
-#: what `power_cycle` switches off and on -> services that are called for it
+#: what `power_cycle` switches off and on -> services to call
 POWER_CYCLES = {'incremental': ('power_cycle',), 'absolute': ('absolute/power_cycle',),
                 'both': ('power_cycle', 'absolute/power_cycle')}
 
 
 @dataclass(frozen=True)
 class Verb:
-    """What a step of one kind says.
+    """Syntax of a kind of step.
 
     Attributes
     ----------
     counts : str
-        What its number counts, '' without one; `power_cycle` names what it switches.
+        What its number counts, '' without one; for `power_cycle` what it switches.
     form, how : str
-        What follows the verb, a regular expression, and how to write that.
+        Regular expression for the text after the verb, and a hint how to write it.
     takes : tuple of str
-        Fields of a typed step (PlanStep.msg) that it takes.
+        Fields of a typed step (PlanStep.msg) that it uses.
     pair : str
-        Its argument as text, where it is typed as two numbers.
+        Format of its argument if it is typed as two numbers.
     patient : bool
-        It waits for no instrument: how long it takes nobody can say.
+        It does not wait for an instrument: its duration is unknown.
     """
 
     counts: str = ''
@@ -56,7 +56,7 @@ class Verb:
 
 _ALONE, _EXPOSURES = Verb(form='', how='', takes=()), Verb('exposures')
 _PATIENT = replace(_ALONE, patient=True)
-#: all steps that a plan may have
+#: all kinds of steps in a plan
 VERBS = {
     'home': _ALONE,
     'power_cycle': Verb('encoders', f'(?P<what>{"|".join(POWER_CYCLES)})?',
@@ -83,17 +83,17 @@ VERBS = {
     'diagnose': _PATIENT,
     'judge': _PATIENT,
 }
-#: of `track` without
+#: default minutes of `track`
 _MINUTES = 60
 
 
 @dataclass(frozen=True)
 class PlanStep:
-    """One step: its verb, its count (0 for a verb without one), and what it switches.
+    """One step: its verb, its count (0 for a verb without one), and its argument.
 
-    `what` is '' for `power_cycle` alone, which is that of the incremental encoder; of `track` the
-    error that is held, such as ``1.5arcsec``; of `tell_apart` what may be waited, such as ``2h``;
-    of `pass` the satellite and the file of its orbit.
+    `what` is '' for `power_cycle` alone, which means the incremental encoder; for `track` the
+    error to hold, such as ``1.5arcsec``; for `tell_apart` the longest wait, such as ``2h``; for
+    `pass` the satellite and the file of its orbit.
     """
 
     verb: str
@@ -102,17 +102,17 @@ class PlanStep:
 
     @property
     def goal(self):
-        """Of `track`: radial RMS that is held, rad."""
+        """For `track`: radial RMS to hold, rad."""
         return float(self.what.removesuffix(_UNIT)) * ARCSEC
 
     @property
     def hours(self):
-        """Of `tell_apart`: that may be waited for stars, h."""
+        """For `tell_apart`: longest wait for stars, h."""
         return float(self.what.removesuffix('h') or 0.0)
 
     @property
     def exposures(self):
-        """How many observations it makes."""
+        """Number of observations that it makes."""
         return self.count if VERBS[self.verb].counts == 'exposures' else 0
 
     def __str__(self):
@@ -128,18 +128,18 @@ def parse_plan(text):
     Parameters
     ----------
     text : str
-        Steps separated by commas; `stars`, `polaris`, `zero_on_stars` (a few that are chosen to
-        determine the zeros best), `zero` (Polaris where it is well up, else such stars),
-        `satellite` and `check` (fresh stars pointed at blind, to judge by) take the number of
-        exposures, as `clocks` does (of one star past which the axes drift: the offset of the
-        clocks of camera and encoder), `wait` the hours from the begin of the night (or the last
-        `wait`) on. `track 1.5arcsec 90` observes for so many minutes (60 without) the stars that
-        keep the expected pointing error below that, with a calibration in mode ``track``.
-        `tell_apart 15 2h` observes at most so many stars that the calibration asks for to tell
-        apart what its diagnosis leaves open, and waits for them 2 h in all (not at all without).
-        `pass L52 lageos2.sp3` waits for the next pass of a satellite and observes it as long as it
-        is up.
-        `power_cycle` is that of the incremental encoder, unless `absolute` or `both` follows.
+        Steps separated by commas. `stars`, `polaris`, `zero_on_stars` (a few stars chosen to
+        determine the zeros best), `zero` (Polaris if it is high enough, else such stars),
+        `satellite` and `check` (new stars pointed at blind, for validation) have the number of
+        exposures, and so has `clocks` (of one star past which the axes drift: it measures the
+        offset of the clocks of camera and encoder). `wait` has hours since the begin of the night
+        or the last `wait`. `track 1.5arcsec 90` observes for 90 minutes (default 60) the stars that
+        keep the expected pointing error below 1.5 arcsec, with a calibration in mode ``track``.
+        `tell_apart 15 2h` observes at most 15 stars that the calibration requests to separate
+        the causes left by its diagnosis, and waits for them at most 2 h in all (default: not at
+        all). `pass L52 lageos2.sp3` waits for the next pass of a satellite and observes it until
+        it sets. `power_cycle` is that of the incremental encoder, unless `absolute` or `both`
+        follows.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def parse_plan(text):
 
 
 def check_verb(verb):
-    """ValueError for one that no step has."""
+    """ValueError for an unknown verb."""
     if verb not in VERBS:
         raise ValueError(f'plan step {verb!r} is unknown; use {", ".join(VERBS)}')
 
@@ -179,28 +179,28 @@ def _step(text):
 
 
 def goal_uuid(stamp, plan):
-    """Of the goal that a plan is, begun at `stamp` (int, ns): a night repeated has the same."""
+    """UUID of the goal of a plan that began at `stamp` (int, ns): equal for a repeated night."""
     return uuid.uuid5(uuid.NAMESPACE_OID, f'{stamp} {plan}')
 
 
 def night_plan(stars, exposures, reference=False, cycle='incremental'):
     """The plan of a night.
 
-    Without a reference the night has two power-ons, so that the drift between them shows: the
-    first is the reference of the second. With a model of an earlier night it is the paper's
-    night (paper 000, section 2): stars, Polaris, stars. Where Polaris is not well up, stars are
-    taken for the zero.
+    Without a reference the night has two power-ons, to show the drift between them: the first is
+    the reference for the second. With a model of an earlier night it is the paper's night (paper
+    000, section 2): stars, Polaris, stars. If Polaris is not high enough, stars are used for the
+    zero.
 
     Parameters
     ----------
     stars : int
         Stars in each of the two blocks.
     exposures : int
-        For each zero.
+        Number of exposures for each zero.
     reference : bool
         Whether a model of an earlier night is active.
     cycle : {'incremental', 'absolute', 'both'}
-        The encoders that begin another power-on in the middle of the night.
+        The encoders that are power-cycled in the middle of the night.
 
     Returns
     -------
@@ -215,7 +215,7 @@ def night_plan(stars, exposures, reference=False, cycle='incremental'):
 
 
 def real_plan(stars):
-    """The plan of a real mount: stars, a fit, and fresh stars blind to judge it by.
+    """The plan for a real mount: stars, a fit, and new stars pointed at blind for validation.
 
     No encoder is switched off, and the zero is that of the fit.
     """

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The plan as an action: goal, feedback and result as numbers and states of standard messages.
+"""The plan as an action: goal, feedback and result as numbers and states in standard messages.
 
-ROS 2's actions need types that are built; `docs/ros.md` says which part of one each topic is.
+Actions of ROS 2 need types that must be built; `docs/ros.md` maps each topic to a part of one.
 """
 
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
@@ -26,11 +26,11 @@ from msg_tools import convert, topics
 
 from .plan import VERBS, goal_uuid, parse_plan
 
-#: state of a plan -> that of an action's goal
+#: state of a plan -> state of an action's goal
 STATES = {'waiting': GoalStatus.STATUS_ACCEPTED, 'observing': GoalStatus.STATUS_EXECUTING,
           'done': GoalStatus.STATUS_SUCCEEDED, 'cancelled': GoalStatus.STATUS_CANCELED,
           'failed': GoalStatus.STATUS_ABORTED}
-#: numbers of the feedback -> those of `Progress`; a step counts from 1 here
+#: numbers of the feedback -> fields of `Progress`; steps are counted from 1 here
 NUMBERS = {'step_done': 'done', 'step_total': 'total', 'observations': 'observations',
            'power_on': 'run', 'lost': 'lost', 'refused': 'refused', 'forgotten': 'forgotten'}
 _ENDED = GoalStatus.STATUS_SUCCEEDED
@@ -43,23 +43,23 @@ _ARGUMENT = {
 
 
 def plan_of(steps):
-    """The plan that typed steps are.
+    """Convert typed steps to a plan.
 
     Parameters
     ----------
     steps : sequence of rcl_interfaces.msg.Parameter
-        Of each the verb as its name, and the argument as its value: none, a count, two numbers
-        (`track`: arcsec, minutes; `tell_apart`: count, hours), or names.
+        For each step the verb is the name, and the argument is the value: none, a count, two
+        numbers (`track`: arcsec, minutes; `tell_apart`: count, hours), or names.
 
     Returns
     -------
     str
-        As `parse_plan` takes it.
+        Text for `parse_plan`.
 
     Raises
     ------
     ValueError
-        A verb or an argument that no step has.
+        An unknown verb or an invalid argument.
     """
     words = []
     for step in steps:
@@ -83,12 +83,12 @@ def plan_of(steps):
 
 
 def figures_of(document):
-    """The numbers of the last blind check and of the clocks, dict of str to dict.
+    """Numbers of the last blind check and of the clocks, dict of str to dict.
 
     Parameters
     ----------
     document : dict
-        Of `observer/checks`.
+        Document of `observer/checks`.
     """
     groups = {'check': (document['checks'] or [{}])[-1],
               'clocks': document.get('clocks', {}).get('found') or {}}
@@ -103,12 +103,12 @@ class PlanTopics:
     ----------
     node : MountNode
     begin : callable
-        ``begin(plan)`` gives whether it was taken up, and a sentence.
+        ``begin(plan)`` returns whether it was accepted, and a sentence.
 
     Attributes
     ----------
     results : dict
-        Beside the feedback, as of `figures_of`.
+        Results besides the feedback, see `figures_of`.
     """
 
     def __init__(self, node, begin):
@@ -127,7 +127,7 @@ class PlanTopics:
         return response
 
     def publish(self, progress, busy):
-        """Say how far a plan is.
+        """Publish the progress of a plan.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class PlanTopics:
         state, stamp = STATES[progress.state], self._node.now()
         ended = self._goal is None or self._goal.status >= _ENDED
         if ended and busy and state < _ENDED:
-            # simulated time may stand still from one goal to the next, which is another
+            # simulated time may stand still between two goals, which must differ
             self._begun = max(stamp, self._begun + 1)
             self._goal = GoalStatus(goal_info=GoalInfo(stamp=convert.to_stamp(self._begun)))
             self._goal.goal_info.goal_id.uuid = list(goal_uuid(self._begun, progress.plan).bytes)

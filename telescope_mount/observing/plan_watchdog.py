@@ -12,76 +12,76 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is wrong while a plan is under way: named, logged once a change, and when to give up."""
+"""Faults during a plan: reported and logged once per change, with a time limit for the plan."""
 
 from .plan import VERBS
 
-#: a wait of so long is reported, wall s: at the third look, half a second apart
+#: longer waits are reported, wall s: at the third check, half a second apart
 REPORTED_AFTER = 0.9
 WAITING = 'plan', 'waiting'
 
 
 class PlanWatchdog:
-    """Watches instruments and plan, names what is wrong, and gives up a plan that goes nowhere.
+    """Watches instruments and plan, reports faults, and gives up a plan without progress.
 
     Parameters
     ----------
     outbox
-        As of a `Sequencer`.
+        See `Sequencer`.
     instruments : Instruments
     exposer : Exposer
 
     Attributes
     ----------
     faults : dict of tuple to str
-        What is wrong now and what to do, a sentence each, by (instrument, kind).
+        Present faults and what to do, one sentence each, by (instrument, kind).
     """
 
     def __init__(self, outbox, instruments, exposer):
         self._out, self._instruments, self._exposer = outbox, instruments, exposer
         self.faults = {}
-        self._waits = '', 0.0  # for what, and since when, wall s
-        self._well = None  # when something went on last, wall s
+        self._waits = '', 0.0  # what is waited for, and since when, wall s
+        self._well = None  # time of the last progress, wall s
         self._rows = 0
 
     @property
     def sentences(self):
-        """Of the faults, but for what is waited for."""
+        """Sentences of the faults, except for waits."""
         return [text for key, text in self.faults.items() if key != WAITING]
 
     def rest(self):
-        """Nothing is under way; returns whether something was wrong."""
+        """No plan is under way; returns whether there was a fault."""
         self._well = None
         return self._changed({})
 
     def look(self, now, begun, waits, verb, rows):
-        """Name what is wrong.
+        """Report faults.
 
         Parameters
         ----------
         now : float
-            Wall time that goes on, s.
+            Monotonic wall time, s.
         begun : bool
-            Whether the plan has got beyond waiting for the graph.
+            Whether the plan has passed the wait for the graph.
         waits : str
-            What it waits for, '' for nothing.
+            What it waits for, '' if nothing.
         verb : str
-            Of the step.
+            Verb of the step.
         rows : int
-            Observations so far.
+            Number of observations so far.
 
         Returns
         -------
         changed : bool
-            Whether something else is wrong than before.
+            Whether the faults have changed.
         reason : str
-            Why the plan is to be given up, '' as long as it is not.
+            Why the plan must be given up, '' otherwise.
         """
         if begun:
             self._instruments.watch(self._out.value('answer_timeout_s'))
             self._exposer.watch(now)
         found = dict(self._instruments.health.sentences)
-        # what the graph lacks comes and goes while it is discovered
+        # what the graph lacks changes during discovery
         if waits.partition(':')[0] != self._waits[0].partition(':')[0]:
             self._waits = waits, now
         self._waits = waits, self._waits[1]
@@ -91,7 +91,7 @@ class PlanWatchdog:
         return changed, self._too_long(now, begun, verb, rows)
 
     def _changed(self, found):
-        """One line for what is new and one for what is over."""
+        """Log one line for each new fault and one for each that is over."""
         log, before = self._out.get_logger(), self.faults
         self.faults = found
         for key, text in found.items():
@@ -102,7 +102,7 @@ class PlanWatchdog:
         return before.keys() != found.keys()
 
     def _too_long(self, now, begun, verb, rows):
-        """Why to give up: nothing has gone on for long while something was wrong."""
+        """Why to give up: no progress for a long time during a fault."""
         if (self._well is None or not self.faults or not begun or rows != self._rows
                 or verb in VERBS and VERBS[verb].patient):
             self._well, self._rows = now, rows

@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The observing plan as work that waits: what is done step by step, and what each step awaits.
+"""Carries out the observing plan step by step, with the conditions that each step awaits.
 
-The sequencer knows no ROS. It reads `Instruments` and `ActiveCalibration`, and gets from whoever
-runs it, its outbox, all else; each new thing to know is followed by `Sequencer.advance`.
+The sequencer does not use ROS. It reads `Instruments` and `ActiveCalibration`; everything else goes
+through its outbox, the object that runs it. Each new piece of information is followed by
+`Sequencer.advance`.
 """
 
 import math
@@ -34,11 +35,11 @@ from .night_steps import NightSteps
 from .plan import POWER_CYCLES, parse_plan
 from .plan_watchdog import PlanWatchdog
 
-#: said of a plan that was finished by an observer before
+#: text of a plan that an earlier observer has finished
 OVER = 'plan finished before this start: observe, or star_observer/anew, begins it anew'
-#: as the parameter `looks`: a thousand readings a second ask for it
+#: default of the parameter `looks`: `advance` may be called for a thousand readings a second
 LOOKS = 0.02
-#: steps that need no exposure of their own, and make what is active
+#: steps without exposures that make active models and zeros
 MADE = ('calibrate_zero', 'fit', 'diagnose', 'judge')
 
 
@@ -48,37 +49,37 @@ class Sequencer:
     Parameters
     ----------
     outbox
-        Whoever runs it, with these methods (times are int, ns):
+        The object that runs it, with these methods (times are int, ns):
 
         - ``value(name)``: a parameter of the star observer
-        - ``sky()``: site and weather of now, a site.Site and refraction.Weather
+        - ``sky()``: present site and weather, a site.Site and refraction.Weather
         - ``mount()``: the `Mount`
         - ``now()``: the (simulated) time; 0 before it is known
-        - ``waiting_for()``: what the graph still lacks before a plan can begin, list of str
+        - ``waiting_for()``: what the graph lacks before a plan can begin, list of str
         - ``client(verb)``: client of a service, see `msg_tools.steps.call`
         - ``guard``: a `GuardLink`
         - ``send_row(run, stamp)``: publish an observation, a PointingRun of one row
         - ``send_table(run, stamp)``: publish all rows so far
         - ``send_checks(document)``: publish the blind checks, a dict
-        - ``send_status(progress, text)``: publish how far the plan is, a `Progress`
-        - ``refuse_frame(reason)``: count an exposure that cannot be used
+        - ``send_status(progress, text)``: publish the progress of the plan, a `Progress`
+        - ``refuse_frame(reason)``: count an unusable exposure
         - ``get_logger()``: a logger with ``info``, ``warning`` and ``error``
     instruments : Instruments
     active : ActiveCalibration
     table : NightMemory
     memory : NightFile, optional
-        Keeps the night beyond the end of the process.
+        Stores the night beyond the end of the process.
     looks : float
-        Wall s between two looks at whether the graph is there.
+        Wall s between two checks whether the graph is complete.
 
     Attributes
     ----------
     earth : str
-        What is known of the Earth's orientation.
+        Statement on the Earth's orientation.
     night : NightSteps
-        What the plan can do, and has found.
+        The steps of the plan, and their results.
     begun : bool
-        Whether a plan has ever got beyond waiting for the graph.
+        Whether a plan has ever passed the wait for the graph.
     """
 
     def __init__(self, outbox, instruments, active, table, memory=None, looks=LOOKS):
@@ -94,13 +95,13 @@ class Sequencer:
         self.begun = False
         self._looks, self._looked = looks, -math.inf
         self._plan, self._left = '', None
-        self._before = None  # rows of the night before this plan, None where nobody knows
+        self._before = None  # rows of the night before this plan, None if unknown
         self._calibration_is_new = False
-        self._mended = 0  # the newest row as the table was sent to a calibration that lacked some
+        self._mended = 0  # newest row when the table was sent to a calibration that lacked rows
 
     @property
     def text(self):
-        """What it does or waits for."""
+        """What the plan does or waits for."""
         return self.night.text
 
     # --- from outside -------------------------------------------------------------------------
@@ -112,14 +113,14 @@ class Sequencer:
 
     @property
     def progress(self):
-        """How far it is, `Progress`."""
+        """Progress of the plan, `Progress`."""
         return replace(self.night.progress, observations=len(self._table),
                        run=self._instruments.run, plan=self._plan, forgotten=self._table.forgotten)
 
     def start(self, plan, anew=False):
-        """Take up a plan; it begins with the next `advance`.
+        """Accept a plan; it begins with the next `advance`.
 
-        One that has ended before its end goes on where it stopped, unless it shall begin `anew`.
+        A plan that was interrupted is resumed where it stopped, unless `anew`.
         """
         if anew or self._left is None or plan != self._plan:
             self._left, self._before = None, len(self._table)
@@ -129,25 +130,25 @@ class Sequencer:
         self._steps.start(self._follow(plan))
 
     def advance(self):
-        """Go on with the plan as far as the conditions allow."""
+        """Continue the plan as far as the conditions allow."""
         if not self._steps.busy:
             return
         self._steps.advance()
         self.publish()
 
     def stopped_at(self, plan):
-        """Where `plan` ended before its end, in words; '' where it did not."""
+        """Where `plan` was interrupted, in words; '' if it was not."""
         if self._left is None or self._left.plan != plan:
             return ''
         return f'step {self._left.block + 1}, {self._left.step}'
 
     def publish(self):
-        """Tell the outbox how far the plan is, where that is another than it was told."""
+        """Send the progress of the plan to the outbox if it has changed."""
         words = self.night.text
         if self.busy:
             words = '; '.join([words if self.begun else self._lacks or words,
                                *self._watch.sentences])
-        # looked at for each reading: what `progress` is made of, which changes in its place
+        # checked for each reading: the inputs of `progress`, which is modified in place
         made_of = words, len(self._table), self._instruments.run, self._plan
         if (made_of, self.night.progress) != self._published:
             self._published = made_of, replace(self.night.progress)
@@ -158,21 +159,21 @@ class Sequencer:
 
     @property
     def faults(self):
-        """What is wrong now and what to do, sentences."""
+        """Present faults and what to do, sentences."""
         return self._watch.sentences
 
     def look(self, now):
-        """Name what is wrong with the instruments, and give a plan up that cannot go on.
+        """Report faults of the instruments, and give up a plan that cannot continue.
 
         Parameters
         ----------
         now : float
-            Wall time that goes on, s.
+            Monotonic wall time, s.
 
         Returns
         -------
         bool
-            Whether something else is wrong than at the last look.
+            Whether the faults have changed since the last call.
         """
         if not self.busy:
             return self._watch.rest()
@@ -189,7 +190,7 @@ class Sequencer:
         return changed
 
     def cancel(self, reason):
-        """End the plan here; whether there was one."""
+        """End the plan; whether there was one."""
         if not self._steps.busy:
             return False
         self._steps.cancel()
@@ -205,12 +206,12 @@ class Sequencer:
         self.advance()
 
     def calibration_has(self, taken):
-        """What the calibration has, `msg_tools.status_rows.Taken`."""
+        """Take what the calibration has received, `msg_tools.status_rows.Taken`."""
         before, table = self.night.calibrated, self._table
         anew = taken.newest < before.newest or not taken.kept and before.kept
         lacks = taken.newest == table.newest and taken.kept < table.newest_rows(taken.power_ons)
         if anew or lacks and self._mended != table.newest:
-            # it knows nothing of the night so far, or a row was lost
+            # it does not know the night so far, or a row was lost
             self._mended = table.newest
             self._calibration_is_new = not taken.kept
             self.night.wanted = None
@@ -219,15 +220,15 @@ class Sequencer:
         self.advance()
 
     def take_request(self, wanted):
-        """The star that the calibration wants to distinguish causes, an `StarRequest`."""
+        """Take the star that the calibration requests to distinguish causes, a `StarRequest`."""
         self.night.wanted = wanted
         self.advance()
 
     def rows_turned_up(self):
-        """Somebody has rows of the night: a plan that has begun without any begins again.
+        """Rows of the night were found: a plan that has begun without any begins again.
 
-        Who is discovered first is not told, and the calibration may be the last. A plan that has
-        not yet given a row goes back to waiting for the graph, and so for the rows.
+        The order of discovery is arbitrary, and the calibration may be the last. A plan without any
+        row yet goes back to waiting for the graph, and so for the rows.
         """
         if not (self._steps.busy and self.begun) or len(self._table):
             return
@@ -239,28 +240,28 @@ class Sequencer:
         self.start(self._plan)
 
     def take_up(self, run, stamp, left, forgotten=0):
-        """Take the rows of the night so far, and where its plan stood, before a plan begins.
+        """Take the rows of the night so far, and the state of its plan, before a plan begins.
 
         Parameters
         ----------
         run : PointingRun
         stamp : int
-            Of the last row, ns.
+            Stamp of the last row, ns.
         left : Progress or None
-            The last that was heard of the plan.
+            The last known progress of the plan.
         forgotten : int
-            Rows before them, as far as the calibration knows.
+            Number of rows before them, as far as the calibration knows.
         """
-        # the plan may have been told before its last row was made
+        # the progress may have been sent before its last row was made
         forgotten = max(forgotten, left.observations - len(run) if left else 0)
         self._table.restore(run, stamp, forgotten)
         self._before = None
         self._taken_up(run, left)
 
     def take_up_file(self, plan):
-        """As `take_up`, from what `memory` has kept of `plan`; whether it was over then.
+        """The same as `take_up`, from `memory` for `plan`; whether the plan was over.
 
-        One that is over is not begun again by itself.
+        A plan that is over is not restarted automatically.
         """
         rows, left, evening, before = self._memory.kept
         if left is None or left.plan != plan or not rows:
@@ -268,7 +269,7 @@ class Sequencer:
             return False
         self._plan, self._table.rows = plan, list(rows)
         self.night.evening, self._before = evening, before
-        # of the calibration nobody knows yet whether it has them
+        # it is not known yet whether the calibration has them
         self.night.calibrated = Taken(self._table.newest_rows(0), newest=self._table.newest)
         self._taken_up(self._table.all(), left)
         if left.state == 'done':
@@ -306,17 +307,17 @@ class Sequencer:
             f'; stopped at {where}: observe goes on there, star_observer/anew begins anew')
 
     def _remember(self):
-        """Where the plan has ended before its end; of that step only what has a row is done."""
+        """Store where the plan was interrupted; of that step only exposures with a row are done."""
         if self.begun:
             progress = self.progress
             self._left = replace(progress, done=self._rows_of(progress.block))
 
     def _rows_of(self, block):
-        """How many of the last rows are of a step of this plan."""
+        """Number of trailing rows that are of a step of this plan."""
         return min(self._table.trailing(block), len(self._table) - (self._before or 0))
 
     def _connected(self):
-        """Whether the graph lacks nothing, looked at now and then."""
+        """Whether the graph is complete, checked at intervals."""
         now = time.monotonic()
         if now - self._looked < self._looks:
             return False
@@ -324,7 +325,7 @@ class Sequencer:
         return not self._out.waiting_for()
 
     def _follow(self, plan):
-        """The night as a generator of conditions to wait for."""
+        """The night, as a generator of conditions to wait for."""
         self._looked = -math.inf
         yield self._connected
         yield lambda: self._out.now() > 0
@@ -339,7 +340,7 @@ class Sequencer:
         if any(step.verb == 'satellite' for step in steps) and not self._out.value('satellite'):
             raise CallRefused('the plan has a step satellite: set the parameter satellite')
         if any(step.verb == 'polaris' for step in steps):
-            self.night.targets.check_polaris()  # now, not after a block of stars
+            self.night.targets.check_polaris()  # check now, not after a block of stars
         first, done = self._resume_point(plan, steps)
         if first and self._calibration_is_new:
             yield from self._make_again(steps, first, done)
@@ -355,7 +356,7 @@ class Sequencer:
             self._send_table()
 
     def _resume_point(self, plan, steps):
-        """Number of the step to go on with, and its exposures that are done."""
+        """Number of the step to resume, and its exposures already done."""
         left, self._left, self.night.earlier = self._left, None, 0
         if left is None or not len(self._table):
             return 0, 0
@@ -366,8 +367,8 @@ class Sequencer:
         first, done = left.block, left.done
         self.night.earlier = rows_of_it = self._rows_of(first)
         if left.state in ('failed', 'cancelled'):
-            done = rows_of_it  # what it has lost is tried again
-        elif rows_of_it > done:  # the last row was made, and nobody was told
+            done = rows_of_it  # lost stars are tried again
+        elif rows_of_it > done:  # the last row was made after the last report
             done = rows_of_it if self._before is not None else done + 1
         if steps[first].exposures and done >= steps[first].exposures:
             first, done = first + 1, 0
@@ -375,7 +376,7 @@ class Sequencer:
         rows = self._table.rows
         waited = max((n for n, step in enumerate(steps[:first]) if step.verb == 'wait'),
                      default=-1)
-        # when the night began nobody tells: about when its first star was observed
+        # the begin of the night is unknown: about when its first star was observed
         if self._before is None:
             self.night.evening = next((row['stamp'] for row in rows if row['block'] > waited),
                                        rows[-1]['stamp'])
@@ -390,14 +391,14 @@ class Sequencer:
         if first == len(steps):
             return first, done
         if steps[first].verb == 'power_cycle' and self._has_been_off(steps[first].what, rows):
-            first += 1  # the power has been off since the last row
+            first += 1  # the power was off since the last row
         self._out.get_logger().info(
             f'the plan goes on at step {first + 1} of {len(steps)}, {steps[first]}'
             + (f', of which {done} are done' if done else ''))
         return first, done
 
     def _make_again(self, steps, first, done):
-        """Zero and model of a calibration that was lost with the rest of the graph."""
+        """Repeat zero and model for a calibration that was lost with the rest of the graph."""
         fits = [n for n, step in enumerate(steps[:first]) if step.verb == 'fit']
         zeros = [n for n, step in enumerate(steps[:first]) if step.verb == 'calibrate_zero']
         begin = fits[-1] if fits else zeros[-1] if zeros else first
@@ -409,7 +410,7 @@ class Sequencer:
                 yield from self.night.do(step)
 
     def _has_been_off(self, what, rows):
-        """Whether the encoders that a `power_cycle` switches tell a power-on without a row."""
+        """Whether the encoders of a `power_cycle` report a power-on without a row."""
         known = {'power_cycle': ('encoder_start', self._instruments.power_on),
                  'absolute/power_cycle': ('absolute_start', self._instruments.absolute_power_on)}
         return all(power_on is not None and all(row.get(name) != power_on.started for row in rows)
