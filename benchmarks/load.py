@@ -32,6 +32,7 @@ no core: what else the machine does decides about the largest delays.
 """
 
 import argparse
+import ctypes
 import json
 import os
 import signal
@@ -183,6 +184,17 @@ def start_up():
     return {'own imports': own, 'imports': forked, 'matched': matched, 'nodes': len(specs)}
 
 
+def die_with_parent():
+    """What a child does before all else, so that no driver outlives a graph that was killed."""
+    prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
+
+    def prepare():
+        prctl(1, signal.SIGTERM)
+        if os.getppid() != parent:  # it died before that
+            os._exit(1)
+    return prepare
+
+
 def at_rate(rate, seconds):
     """Delays [s], losses and processor time of a graph whose two encoders have `rate` Hz."""
     from msg_tools import NAMESPACE, convert, topics
@@ -190,7 +202,7 @@ def at_rate(rate, seconds):
     from msg_tools.readiness import unmatched
     from telescope_mount import domain
     from telescope_mount.graph import real_graph
-    from telescope_mount.processes import Processes, die_with_parent
+    from telescope_mount.processes import Processes
     from telescope_mount.watcher import Watcher
     lock, encoders = domain.claim(), (topics.INCREMENTAL, topics.ABSOLUTE)
     readings, counters, lost, drivers = [], [], {}, {}
@@ -280,7 +292,7 @@ def recorded(seconds, rate, sources):
     from telescope_mount import domain
     from telescope_mount.commands.info import log_info
     from telescope_mount.graph import NODES, NodeSpec
-    from telescope_mount.processes import Processes, die_with_parent
+    from telescope_mount.processes import Processes
     lock, count = domain.claim(), 4 // sources
     with tempfile.TemporaryDirectory() as folder:
         nodes = Processes(Path(folder, 'nodes'), lock.number)

@@ -368,25 +368,12 @@ class MountNode(ParameterNode):
             rows.append((f'gaps {name}', str(sum(c.gaps for _, c in subs))))
         return rows
 
-    def _connections_and_counts(self):
-        """The numbers of `endpoints`; counts without those of the clock, which never rest."""
-        connections = [pub.get_subscription_count()
-                       for pub in (self._diagnostics, self._reports_of_endpoints)]
-        counts = []
-        for name, (pub, counter) in self._publishers_of.items():
-            connections.append(pub.get_subscription_count())
-            if name != CLOCK.name:
-                counts.append(counter.count)
-        for name, subs in self._subscriptions_of.items():
-            for sub, counter in subs:
-                connections.append(sub.get_publisher_count())
-                if name != CLOCK.name:
-                    counts += counter.count, counter.last, counter.gaps
-        return connections, counts
-
     def _diagnose(self):
         # at once when a connection came or went, or messages have come to rest; else once a second
-        connections, counts = self._connections_and_counts()
+        rows, matches = self.endpoints(), (PUBLISHES, SUBSCRIBES)
+        connections = [row for row in rows if row[0].startswith(matches)]
+        counts = [row for row in rows if not (  # those of the clock never rest
+            row[0].startswith(matches) or row[0].endswith(f' {CLOCK.name}'))]
         self._rests = counts == self._last_counts
         self._last_counts = counts
         new = (connections != self._published_connections

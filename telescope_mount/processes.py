@@ -15,7 +15,6 @@
 """Node processes: start, watch, end."""
 
 import contextlib
-import ctypes
 import os
 import signal
 import subprocess
@@ -34,8 +33,7 @@ from . import ONE_THREAD
 from .dds import dds_environment
 from .fork_server import preload, prepare, serve_forked
 from .interrupt import raise_noted
-
-SET_DEATH_SIGNAL = 1  # Linux: prctl
+from .parent import PARENT
 
 
 class Node:
@@ -208,17 +206,6 @@ def _is_stopped(pid):
     return False
 
 
-def die_with_parent():
-    """For `preexec_fn`: no driver must outlive a graph that was killed."""
-    prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
-
-    def prepare():
-        prctl(SET_DEATH_SIGNAL, signal.SIGTERM)
-        if os.getppid() != parent:  # it died before prctl
-            os._exit(1)
-    return prepare
-
-
 class Processes:
     """The processes of the nodes of a graph.
 
@@ -287,9 +274,9 @@ class Processes:
         path = Path(path)
         with open(self.folder / f'{path.stem}.log', 'ab') as log:
             self.running[path.stem] = subprocess.Popen(
-                [sys.executable, str(path), *self._arguments()], stdin=subprocess.DEVNULL,
-                stdout=log, stderr=log, start_new_session=True, preexec_fn=die_with_parent(),
-                env={**self.environment, 'PYTHONUNBUFFERED': '1'})
+                [sys.executable, '-m', 'telescope_mount.parent', str(path), *self._arguments()],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                env={**self.environment, 'PYTHONUNBUFFERED': '1', PARENT: str(os.getpid())})
 
     def last_words(self, name):
         """The last line of a node's output that is not a log message; '' for none."""

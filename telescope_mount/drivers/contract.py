@@ -164,10 +164,8 @@ def _stamps(out, stream, late, ahead):
     elif usual > late:
         out.wrong(f"stamps are {usual:.2f} s behind this machine's clock: another clock, or the "
                   'driver stamps or sends late')
-    elif back:
-        out.ok(f'stamps are {1e3 * usual:.0f} ms before they arrive')
     else:
-        out.ok(f'stamps increase, {1e3 * usual:.0f} ms before they arrive (at least '
+        out.ok(f'stamps are {1e3 * usual:.0f} ms before they arrive (at least '
                f'{1e3 * youngest:.0f} ms)')
 
 

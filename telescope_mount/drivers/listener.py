@@ -34,6 +34,7 @@ from .guard_request import GuardClient
 from .nudge import bright_star, check_nudge, fixed_place, place_of, went_elsewhere
 from .samples import OK, WRONG, DriverSamples, Endpoint, Remark, Rest, Stream
 
+HEARD = topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE
 #: nudge: seconds of the move, to come to rest at most, and of the exposures then
 RAMP, SETTLE, LOOK = 3.0, 20.0, 6.0
 #: how long a slew to a star may take, s
@@ -64,9 +65,8 @@ class Listener:
             '--ros-args', '--params-file', str(params)] if params else None)
         self._node = self._graph.node
         self._asking, self._guard = None, dict(guard or {})
-        for topic, take in ((topics.INCREMENTAL, self._on_joints),
-                            (topics.ABSOLUTE, self._on_joints),
-                            (topics.MISS_DISTANCE, self._on_miss)):
+        for topic in HEARD:
+            take = self._on_miss if topic is topics.MISS_DISTANCE else self._on_joints
             self._node.create_subscription(
                 topic.message, topic.name,
                 lambda message, take=take, name=topic.name: take(self._streams[name], message),
@@ -80,8 +80,7 @@ class Listener:
         self._forget()
 
     def _forget(self):
-        self._streams = {topic.name: Stream(topic.name, topic.type) for topic in (
-            topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE)}
+        self._streams = {topic.name: Stream(topic.name, topic.type) for topic in HEARD}
 
     def spin(self, seconds, until=lambda: False):
         """Take what comes for so long, or until something holds; whether it does."""
@@ -124,7 +123,7 @@ class Listener:
     def samples(self, seconds):
         """A `DriverSamples` of what has come so far."""
         node = self._node
-        for topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE):
+        for topic in HEARD:
             self._streams[topic.name].endpoints = [_endpoint(info) for info in
                 node.get_publishers_info_by_topic(node.resolve_topic_name(topic.name))]
         tails = tuple('/' + name.rsplit('/', 1)[-1] for name in self._streams)

@@ -26,7 +26,7 @@ from pointing_model.runs.plate_solves.solvers import NotSolved
 from pointing_model.sky.places import sidereal_time
 from pointing_model.sky.site import Site
 
-from ..connection import PORTS
+from ..connection import parse_address
 from .client import IndiClient, IndiError
 from .indi_camera import IndiCamera
 from .indi_telescope import IndiTelescope, find_device
@@ -34,14 +34,8 @@ from .indi_telescope import IndiTelescope, find_device
 
 def server_of(text):
     """Host, port and camera of ``indi:HOST[:PORT[:CAMERA]]``; ValueError: it is none."""
-    _, host, *rest = [*text.split(':', 3), ''][:4]
-    try:
-        port = int(rest[0]) if rest and rest[0] else PORTS['indi']
-    except ValueError:
-        port = 0
-    if not host or not 0 < port < 65536:
-        raise ValueError(f'{text}: write indi:HOST, indi:HOST:PORT or indi:HOST:PORT:CAMERA')
-    return host, port, rest[1] if len(rest) > 1 else ''
+    *server, camera = [*text.split(':', 3), ''][:4]
+    return *parse_address(':'.join(server)), camera
 
 
 class BoltCamera:
