@@ -24,6 +24,7 @@ from typing import NamedTuple
 import zstandard
 
 from .compression import PACKED, PACKED_FILE, decompress
+from .file import EXPANSION, MIN_EXPANDED
 from .losses import counted, implausible, span
 from .mcap_records import short
 from .metadata import NOTHING, is_truth, listed_files
@@ -135,19 +136,23 @@ class Reader:
         """
         wanted = {topics} if isinstance(topics, str) else topics if topics is None \
             else set(topics)
+        room = MIN_EXPANDED + EXPANSION * sum(file.stat().st_size for file in self.files)
         for message, schema in self._stored(wanted, start or 0, 2**64 if end is None else end):
             if message.data[:4] == PACKED:
-                message = message._replace(data=self._unpacked(message))
+                message = message._replace(data=self._unpacked(message, room))
+                room -= len(message.data or b'')
             if decode and message.data is not None:
                 message = message._replace(data=self._decoders.decode(message.topic, *(
                     schema or self.schema_of(message.topic, message.type)), message.data))
             if message.data is not None:
                 yield message
 
-    def _unpacked(self, message):
+    def _unpacked(self, message, most):
         try:
             size = zstandard.frame_content_size(message.data)
-            return decompress(message.data, 'zstd', max(size, 0))
+            if not 0 <= size <= most:
+                raise ValueError(f'{size} bytes')
+            return decompress(message.data, 'zstd', size)
         except (ValueError, zstandard.ZstdError):
             self._skipped[f'{message.topic}: a message that cannot be unpacked left out'] += 1
             return None

@@ -19,7 +19,6 @@ import json
 import numpy as np
 
 from msg_tools import topics
-from msg_tools.readiness import is_count
 
 _LEVELS = ('ok', 'warning', 'error', 'silent')
 
@@ -67,10 +66,6 @@ def alarms(state, bad, reports, last, now, patience):
         nodes[name] = {'level': _LEVELS[min(level, 3)], 'said': status.message}
         if level:
             found.append((level, f'{name}: {status.message}'))
-        lost = sum(int(value) for key, value in rows_of(status).items()
-                   if key.startswith('gaps ') and is_count(value))
-        if lost:
-            found.append((1, f'{name}: {lost} messages lost'))
     for topic in (topics.OBSERVER_STATUS, topics.GUARD_STATUS, topics.CALIBRATION_STATUS):
         message = last(topic)
         # a node that has a status says the same on /diagnostics, with more about it

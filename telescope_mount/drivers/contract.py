@@ -22,7 +22,7 @@ from msg_tools.older_frames import is_y_up
 from msg_tools.units import ARCSEC, DEG, wrap
 from telescope_mount.observing.instruments import STILL
 
-from .samples import NOTE, OK, WRONG, Remarks, wrong_unit
+from .samples import NOTE, OK, WRONG, Remark, Remarks, wrong_unit
 
 #: a stamp before that (2001) is none of now, s
 EPOCH = 1e9
@@ -59,13 +59,12 @@ def check_contract(samples):
     -------
     list of Remark
     """
-    whole = Remarks('graph')
+    out = []
     if samples.nowhere:
-        whole.wrong(f'no driver was found{samples.nowhere}')
-    clock = Remarks('/clock')
+        out.append(Remark(WRONG, 'graph', f'no driver was found{samples.nowhere}'))
     if samples.clock:
-        clock.note('is published: the graph runs on simulated time; with a real mount nobody may '
-                   'publish it')
+        out.append(Remark(NOTE, '/clock', 'is published: the graph runs on simulated time; with a '
+                          'real mount nobody may publish it'))
     incremental = Remarks(samples.incremental.topic)
     counts = _stream(incremental, samples, samples.incremental, slow=SLOW, late=LATE)
     if counts:
@@ -81,12 +80,9 @@ def check_contract(samples):
     camera = Remarks(samples.camera.topic)
     if _stream(camera, samples, samples.camera, slow=0.0, late=LATE_FRAME):
         _camera(camera, samples.camera, samples.clock)
-    home = Remarks('home')
-    if 'home' in samples.services:
-        home.ok('is offered')
-    else:
-        home.note('no such service: leave the step home out of plans')
-    return [*whole, *clock, *incremental, *absolute, *camera, *_commands(samples), *home]
+    home = Remark(OK, 'home', 'is offered') if 'home' in samples.services else (
+        Remark(NOTE, 'home', 'no such service: leave the step home out of plans'))
+    return [*out, *incremental, *absolute, *camera, *_commands(samples), home]
 
 
 # --- any topic ------------------------------------------------------------------------------------
@@ -219,14 +215,12 @@ def _units(out, samples, values):
                 out.note(f'{name} is read in steps of {step / ARCSEC:.0f} arcsec: a coarse '
                          'encoder, or one read less often than it is published')
         return True
-    where = f'reads {values[-1][0]:.6g} and {values[-1][1]:.6g}, which cannot be radians: '
-    if first <= highest and second <= 2.0 * np.pi:
-        where, why = where.split(',')[0] + ': ', 'axes exchanged, or a zenith distance?'
-    elif second <= 280.0 and first <= 1100.0:
-        why = 'degrees? (multiply by pi/180)'
-    else:
-        why = 'counts or arcsec?'
-    out.wrong(where + why)
+    why = 'axes exchanged, or a zenith distance?'
+    if first > highest or second > 2.0 * np.pi:
+        why = 'these are no radians: ' + (
+            'degrees? (multiply by pi/180)' if second <= 280.0 and first <= 1100.0 else
+            'counts or arcsec?')
+    out.wrong(f'reads {values[-1][0]:.6g} and {values[-1][1]:.6g}: {why}')
     return False
 
 
@@ -235,8 +229,7 @@ def _motion(out, stamps, values, rates, pointed):
     if len(stamps) < 3:
         return
     step, passed = np.diff(values, axis=0), np.diff(stamps)[:, None]
-    turn = np.column_stack([np.abs(np.abs(step[:, 0]) - 2.0 * np.pi) < 10.0 * DEG,
-                            np.zeros(len(step), bool)])
+    turn = (np.abs(np.abs(step) - 2.0 * np.pi) < 10.0 * DEG) & np.array([True, False])
     way = np.where(turn, wrap(step), step)
     if (np.abs(way) > FASTEST * passed + 5.0 * DEG).any():
         worst = np.degrees(np.abs(way).max())

@@ -25,6 +25,7 @@ import zstandard
 from places import ROOT
 
 from msg_tools.bag import BagReader
+from msg_tools.bag import log as log_reader
 from telescope_mount.cli import main
 from telescope_mount.commands.info import log_info
 from telescope_mount.log_replay import _newer
@@ -132,7 +133,7 @@ def test_what_a_killed_recorder_had_not_put_into_the_file_is_read(bag, tmp_path,
     assert {one.name: one.read_bytes() for one in kept.iterdir()} == before
 
 
-def test_messages_and_files_that_were_packed(bag, tmp_path, capsys):
+def test_messages_and_files_that_were_packed(bag, tmp_path, capsys, monkeypatch):
     same = load_run(bag)
     with closing(sqlite3.connect(bag / 'sq.db3')) as base:
         base.create_function('pack', 1, zstandard.ZstdCompressor().compress)
@@ -144,6 +145,10 @@ def test_messages_and_files_that_were_packed(bag, tmp_path, capsys):
     new, old = BagReader(tmp_path / 'mcap'), BagReader(NIGHT)
     assert Counter((m.topic, m.data) for m in new.messages()) == Counter(
         (m.topic, m.data) for m in old.messages())
+    monkeypatch.setattr(log_reader, 'MIN_EXPANDED', 0)  # as little as a bomb may fill
+    monkeypatch.setattr(log_reader, 'EXPANSION', 0)
+    assert main(['recover', str(bag), '--out', str(tmp_path / 'bomb')]) == 1
+    monkeypatch.undo()
     (bag / 'sq.db3').rename(bag / 'sq.db3.zstd')
     for log in (bag, bag / 'sq.db3.zstd'):
         assert main(['info', str(log)]) == 2

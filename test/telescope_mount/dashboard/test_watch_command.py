@@ -112,7 +112,7 @@ def test_encoders_are_compared_at_one_time_and_a_zero_of_another_power_on_is_tol
 def test_alarms_the_worst_first_and_nodes_that_fall_silent():
     heard = LastMessages('a graph')
     heard.take(topics.DIAGNOSTICS.name, Message(status=[
-        status(b'\1', '/mount/camera', 'no image', **{'gaps /mount/observation': 3}),
+        status(b'\1', '/mount/camera', 'no image; 3 messages lost'),
         status(b'\2', '/mount/driver', 'axis 1 stalled'),
         status(b'\2', '/north/driver', 'of another mount'), status(b'\0', '/mount/guard', 'ok')]),
         arrived=10.0)
@@ -129,7 +129,7 @@ def test_alarms_the_worst_first_and_nodes_that_fall_silent():
     assert told[:2] == [('error', '/mount/driver: axis 1 stalled'),
                         ('error', 'elevation: the witnesses differ')]
     assert {said for level, said in told if level == 'warning'} >= {
-        '/mount/camera: no image', '/mount/camera: 3 messages lost',
+        '/mount/camera: no image; 3 messages lost',
         'the incremental encoder is not homed'}
     assert not any('another mount' in said for _, said in told)
     # what a node says on /diagnostics, too, is told once
