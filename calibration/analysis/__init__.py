@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the rows of a run, a night or a season say of a mount."""
+"""Analyses of the rows of a run, a night or a season."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model file as the base of a fit: its terms are fitted anew, what else it has is held."""
+"""A model file as the base of a fit: its terms are refitted, everything else is held fixed."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,17 +22,17 @@ from .finding import Finding
 
 @dataclass(frozen=True)
 class BaseModel:
-    """What a fit starts from, as a model file declares it.
+    """The base of a fit, declared by a model file.
 
-    The terms are fitted to the run, and their values in the file are shown beside. Harmonics and
-    effects that came with them, which no list of terms can declare, are held as they are: taken
-    off the readings, and in the model again that is saved.
+    The terms are refitted to the run, and shown together with their values in the file. Harmonics
+    and effects of the file, which no list of terms can declare, are held fixed: subtracted from the
+    readings before the fit, and added to the saved model.
 
     Attributes
     ----------
     path : Path
     model : PointingModel
-        As it was read.
+        The model of the file.
     notes : list of str or Finding
     """
 
@@ -42,18 +42,18 @@ class BaseModel:
 
     @classmethod
     def read(cls, path, mount):
-        """Read a file of ours or of another program.
+        """Read a model file of this project or of another program.
 
         Parameters
         ----------
         path : str or Path
         mount : Mount
-            Of the run.
+            Mount of the run.
 
         Raises
         ------
         ValueError
-            It is no such file, declares no term, or is of another mount.
+            It is no model file, declares no term, or is of another mount.
         """
         from pointing_model.mounts import mount_wording
         from pointing_model.runs.model_reader import read_model
@@ -77,7 +77,7 @@ class BaseModel:
 
     @property
     def held(self):
-        """The model of what is held, or None."""
+        """Model of the held harmonics and effects, or None."""
         if not self.model.effects and self.model.harmonics is None:
             return None
         return replace(self.model, terms={}, covariance=None, geometry='rotation',
@@ -88,14 +88,14 @@ class BaseModel:
         return [*series, *(e.effect.name for e in self.model.effects)]
 
     def matched(self, run):
-        """The run, of a mount whose errors are those of the model: of its parts, or on the sky."""
+        """The run, with a mount whose `errors` (of its parts, or on the sky) are the model's."""
         if self.model.mount.errors == run.mount.errors:
             return run
         from .sky_model import with_errors
         return with_errors(run, self.model.mount.errors)
 
     def taken_off(self, run, encoder='enc'):
-        """The run with what is held taken off its readings.
+        """The run with the held model subtracted from its readings.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class BaseModel:
         x, y = held.offsets(run['az'], run['el'], context)
         columns = dict(run.columns)
         az, el = f'az_{encoder}', f'el_{encoder}'
-        # what meets a graduation is the reading as it was
+        # errors of the graduation depend on the original reading
         for axis in ('az', 'el'):
             reading = context.get(f'reading_{axis}')
             if encoder == 'enc' and reading is not None:
@@ -127,7 +127,7 @@ class BaseModel:
         return PointingRun(columns, run.meta)
 
     def whole(self, model):
-        """A model that was fitted to runs of `taken_off`, with what is held."""
+        """A model fitted to runs of `taken_off`, with the held model added."""
         held = self.held
         if held is None:
             return model
@@ -137,17 +137,18 @@ class BaseModel:
                        effects=(*model.effects, *held.effects))
 
     def compared(self, model):
-        """The terms as the file has them and as they were fitted.
+        """Terms of the file and of the fit.
 
         Parameters
         ----------
         model : PointingModel
+            The fitted model.
 
         Returns
         -------
         dict
-            JSON-ready, arcsec: ``terms`` (``here_arcsec`` None where it was not fitted;
-            ``in_sigma`` of both errors, where the file gives its own) and ``held``.
+            JSON-ready, arcsec: ``terms`` (``here_arcsec``: None if not fitted; ``in_sigma``: the
+            difference over both errors, or the fit's alone if the file has none) and ``held``.
         """
         import numpy as np
 

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A camera that measures nothing, or whose axes are turned amid a night, from the rows alone.
+"""Camera faults found from the rows alone: no measurement, or axes rotated during the night.
 
-Of one that is turned, mirrored or exchanged: an observer points a star with what the stars before
-have shown, and the miss distance is what is left. Of a camera that measures C d where the star is d
-from the boresight, a row is off by (I - C^-1) m with the measured miss distance m: by 2 m in an
-axis that is mirrored. A sound camera has no such rows: what it measures is in the reading with it,
-and half of it at most in what the model leaves, as the other half was carried from the star before.
+For an image that is rotated, mirrored or has exchanged axes: the observer corrects the pointing by
+the miss distances of earlier stars. If the camera measures C d for a star at d from the boresight,
+a row is off by (I - C^-1) m, m being the measured miss distance: by 2 m on a mirrored axis. A sound
+camera has no such rows: its miss distance is part of the encoder angle of the row, and at most half
+of it remains in the residual, for the other half was carried over from the star before.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.pointing_terms import stacked_design
 from pointing_model.rms import sigma_of
 
-#: I - C^-1 of what is looked for: mirrored, upside down, exchanged, turned, half the scale
+#: I - C^-1 of the tested faults: mirrored, upside down, exchanged, rotated, half the scale
 SENSES = {
     'x mirrored': ((2, 0), (0, 0)),
     'y mirrored': ((0, 0), (0, 2)),
@@ -38,29 +38,30 @@ SENSES = {
     'turned by -90 deg': ((1, 1), (-1, 1)),
     'half the scale': ((-1, 0), (0, -1)),
 }
-#: rows in a row with the same miss distance within so much are of a camera that measures nothing;
-#: a camera of 1" noise makes such a row in 3e-16 of the cases, one of 0.05" in 3e-8
+#: successive rows whose miss distances agree this closely are of a frozen camera; a camera of 1"
+#: noise makes such a series with a probability of 3e-16, one of 0.05" with 3e-8
 SAME_ROWS, SAME_WITHIN = 4, 0.005 * ARCSEC
-#: exposures in a row with the same miss distance, to the last bit, that no camera makes
+#: successive exposures with identical miss distances, to the last bit, of a frozen camera
 SAME_FRAMES = 6
-#: fewer rows are not tested, and so many at least are called wrong
+#: fewest rows tested, and fewest rows reported as wrong
 LEAST, FEWEST = 12, 2
-#: by so much a turned camera must explain the rows better, in squares of the noise, of which one
-#: row gives no more than the square of `CAP`: a star that was another one must not decide
+#: reduction of chi-squared needed for a rotated camera; one row contributes at most the square of
+#: `CAP`, so that a misidentified star does not decide
 GAIN, CAP = 50.0, 6.0
-#: but where a row is beyond the first without the camera turned, and within the second with it
+#: except a row beyond the first limit (in sigmas) without the fault and within the second with it,
+#: which suffices alone
 CLEAR, EXPLAINED = 12.0, 3.0
-#: of the noise of an axis, rad, whatever the rows show
+#: least noise of an axis, rad
 LEAST_NOISE = 0.2 * ARCSEC
-#: rows that are looked at together, and again from the middle of them on; where the largest miss
-#: distance is so many times the usual one
+#: rows tested together (windows overlap by half), if the largest miss distance is this many times
+#: the median
 LOOK, GROWN = 100, 2.5
-#: looks for it, each without the rows that the one before found
+#: most searches in a window, each without the rows found before
 LOOKS = 4
 
 
 def turned_rows(rows):
-    """Rows whose miss distances are of a camera that was turned.
+    """Rows whose miss distances are of a rotated or mirrored camera.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def turned_rows(rows):
     -------
     wrong : ndarray of bool, shape (n,)
     sense : str
-        What has become of the camera in the last of them, of `SENSES`; '' where nothing has.
+        Fault in the last of them, of `SENSES`; '' if none.
     """
     n = len(rows)
     wrong, sense = np.zeros(n, bool), ''
@@ -79,7 +80,7 @@ def turned_rows(rows):
     for begin in range(0, max(n - LOOK // 2, 1), LOOK // 2):
         part = np.arange(begin, min(begin + LOOK, n))
         there = off[part][np.isfinite(off[part])]
-        # what is wrong of a turned camera is carried to the next star, and grows
+        # the error of a rotated camera is carried over to the next star, and grows
         if len(there) >= LEAST and there.max() > GROWN * np.median(there):
             found, name = _turned_of(rows.select(part))
             wrong[part] |= found
@@ -88,7 +89,7 @@ def turned_rows(rows):
 
 
 def _turned_of(rows):
-    """`turned_rows` of a part that is short."""
+    """`turned_rows` in one window."""
     wrong, sense = np.zeros(len(rows), bool), ''
     miss = np.stack((rows['miss_x'], rows['miss_y']))
     left = _left(rows, np.isfinite(miss).all(axis=0))
@@ -98,14 +99,14 @@ def _turned_of(rows):
             break
         begin, end, name = found
         if wrong[begin:end].all() and name == sense:
-            break  # the same once more
+            break  # the same result again
         wrong, sense = np.zeros(len(rows), bool), name
         wrong[begin:end] = True
     return wrong, sense
 
 
 def _left(rows, known):
-    """A function that gives what the usual terms leave of all rows, fitted to some; or None."""
+    """Function ``left(wrong)``: residuals of all rows, terms fitted without `wrong`; or None."""
     places = np.stack((rows['az'], rows['el']))
     known &= np.isfinite(places).all(axis=0) & np.isfinite(rows['az_enc'] + rows['el_enc'])
     if known.sum() < LEAST:
@@ -122,7 +123,7 @@ def _left(rows, known):
     def left(wrong):
         used = np.tile(known & ~wrong, 2)
         weights = used.astype(float)
-        for _ in range(5):  # a star that was another one must not hide the rest
+        for _ in range(5):  # robust weights, against misidentified stars
             root = np.sqrt(weights)
             p = np.linalg.lstsq(columns * root[:, np.newaxis], np.where(used, y, 0.0) * root,
                                 rcond=1e-6)[0]
@@ -134,12 +135,12 @@ def _left(rows, known):
 
 
 def _noise(left):
-    """1 sigma of an axis, of rows of which some are off."""
+    """Robust 1 sigma of an axis."""
     return float(sigma_of(left)) if left.size else 0.0
 
 
 def _best(left, miss, wrong):
-    """Begin, end and name of the rows that a turned camera explains best; None for none."""
+    """Begin, end and fault of the stretch that a rotated camera explains best; or None."""
     kept = np.isfinite(left[0]) & ~wrong
     if kept.sum() < LEAST // 2:
         return None
@@ -150,7 +151,7 @@ def _best(left, miss, wrong):
     gain = np.minimum(plain, CAP)**2 - np.minimum(turned, CAP)**2
     explained = turned < EXPLAINED
     gain[(plain > CLEAR) & explained] = 1.2 * GAIN
-    gain[(plain > EXPLAINED) & ~explained] = -EXPLAINED**2  # it is something else
+    gain[(plain > EXPLAINED) & ~explained] = -EXPLAINED**2  # another cause
     total = np.zeros((len(gain), left.shape[1] + 1))
     np.cumsum(gain, axis=1, out=total[:, 1:])
     rise = total - np.minimum.accumulate(total, axis=1)
@@ -163,12 +164,12 @@ def _best(left, miss, wrong):
 
 
 def frozen_rows(miss_x, miss_y):
-    """Rows whose miss distance is one that a camera does not measure: too little scatter.
+    """Rows of a frozen camera: miss distances with too little scatter.
 
     Parameters
     ----------
     miss_x, miss_y : array_like, shape (n,)
-        Of the rows in the order in which they were taken, rad; NaN where it is not known.
+        Miss distances in the order in which rows were taken, rad; NaN where unknown.
 
     Returns
     -------

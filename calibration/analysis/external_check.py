@@ -27,10 +27,10 @@ from .term_fit import fit_terms
 
 
 def split_half(run, seed=0):
-    """Choose half of the rows, spread over the sky like the whole.
+    """Choose half of the rows, with the same distribution over the sky as all.
 
-    Within each night (column ``run``, if present) the rows are sorted into bands of equal number
-    in elevation and by azimuth within a band; of each pair of neighbours a coin takes one.
+    Within each night (column ``run``, if present) the rows are sorted into elevation bands of equal
+    number, and by azimuth within a band; one of each pair of neighbours is taken at random.
 
     Parameters
     ----------
@@ -40,8 +40,7 @@ def split_half(run, seed=0):
     Returns
     -------
     ndarray of bool, shape (n,)
-        The rows to fit; the others are the check. Of an odd number the coin decides who gets
-        the odd row.
+        The rows to fit; the others are the check. Odd rows go to either half at random.
 
     Raises
     ------
@@ -81,17 +80,17 @@ def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
     ----------
     run : PointingRun
     seed : int
-        Of `split_half`.
+        Seed of `split_half`.
     encoder : {'enc', 'abs'}
     zero : PowerOnZero or Zeros
-        Of the encoder; it must hold for any row.
+        Zero of the encoder, for all rows.
     options
-        For `fit_terms`.
+        Options of `fit_terms`.
 
     Returns
     -------
     Rms
-        arcsec on the sky, rows that were rejected in a fit included.
+        arcsec on the sky, including rows that a fit would reject.
 
     Raises
     ------
@@ -108,23 +107,23 @@ def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
 
 
 def checked_by_halves(run, result, names, **options):
-    """`external_check` of a fit, on the rows that it used; None where they are too few for it.
+    """`external_check` of a fit, on the rows that it used; None if they are too few.
 
     Parameters
     ----------
     run : PointingRun
     result : FitResult
-        Of terms to `run`.
+        Fit of terms to `run`.
     names : sequence of str
         The terms.
     **options
-        As of the fit, for `external_check`.
+        Options of the fit, for `external_check`.
     """
     used = run.select(result.weights > 0.0)
     if len(used) < 4 * len(names):
         return None
     if options.get('run_zeros') and np.unique(used['run'], return_counts=True)[1].min() < 2:
-        return None  # a run has its own zero, and no row to judge it by
+        return None  # a run has its own zero and only one row: nothing to test
     return external_check(used, names=names, **options)
 
 
@@ -134,17 +133,17 @@ def rms_of(model, run, zero):
 
 
 def power_on_check(rows, reference, first, measured, change, notes, other=None):
-    """The paper's check, from one power-on to the next: its coefficients on later stars.
+    """The paper's check: coefficients of one power-on tested on stars of the next.
 
     Parameters
     ----------
     rows : PointingRun
     reference : PointingModel or None
-        Of an earlier night: it is tested on all stars then, before and after Polaris.
+        Model of an earlier night; if given, it is tested on all stars, before and after Polaris.
     first : Zeros
-        By their exposures alone, one of each power-on; empty without any.
+        Zero of each power-on from its exposures alone; empty without any.
     measured : Zeros
-        Those of power-ons with such exposures, MeasuredZero.
+        MeasuredZero of the power-ons with such exposures.
     change : callable
         ``change(rows, before, after, model)`` gives the change of the zero, a MeasuredZero.
     notes : list of str
@@ -156,9 +155,9 @@ def power_on_check(rows, reference, first, measured, change, notes, other=None):
     Returns
     -------
     list of dict
-        ``of`` (the kind of model), ``fitted`` and ``tried`` (numbers of power-ons; None: of the
-        earlier night, of tonight), ``by`` (the way the zero was set), ``renewed`` (with that zero,
-        not the old one), and the RMS as `rms_of` gives it.
+        ``of`` (the kind of model), ``fitted`` and ``tried`` (power-ons fitted and tested; None:
+        the earlier night, tonight), ``by`` (how the zero was set), ``renewed`` (whether that zero
+        or the old one is used), and the RMS, see `rms_of`.
     """
     stars = rows.select(~is_for_zero(rows))
     if not first:
@@ -180,7 +179,7 @@ def power_on_check(rows, reference, first, measured, change, notes, other=None):
 
 
 def _from_to(then, later, before, after, old, way, change, kinds, notes):
-    """Checks of models of a power-on on another."""
+    """Checks of models of one power-on on the stars of another."""
     out = []
     both, stars = PointingRun.concatenate([then, later]), later.select(~is_for_zero(later))
     for kind, fit in kinds:
@@ -197,7 +196,7 @@ def _from_to(then, later, before, after, old, way, change, kinds, notes):
 
 
 def ways(zeros):
-    """By which ways some MeasuredZero were set, in words: ``Polaris``, ``stars``."""
+    """How some MeasuredZero were set, in words: ``Polaris``, ``stars``."""
     return ' or '.join(dict.fromkeys(zero.by.partition(' (')[0] for zero in zeros))
 
 
@@ -211,22 +210,22 @@ PAPER = {
 
 
 def tracking_errors(model, run, zero=NO_ZERO):
-    """Tracked minus computed place of a satellite, as the paper's curves.
+    """Tracked minus computed place of a satellite, as in the paper's curves.
 
     Parameters
     ----------
     model : PointingModel
-        Active when it was tracked.
+        The model active during the track.
     run : PointingRun
-        Exposures of the satellite; the encoder's angles are those with it centred.
+        Exposures of the satellite, with the encoder angles at which it is centred.
     zero : PowerOnZero or Zeros
-        Of the encoders.
+        Zero of the encoders.
 
     Returns
     -------
     dict of str to list
-        ``time`` (UTC s), ``el_deg``, ``az_arcsec`` (the coordinate angle, not times cos E),
-        ``el_arcsec``; rows with a NaN are left out.
+        ``time`` (UTC s), ``el_deg``, ``az_arcsec`` (encoder angle, not times cos E),
+        ``el_arcsec``; rows with a NaN are omitted.
     """
     x, y = model.residuals(run, zero=zero)
     good = np.isfinite(x) & np.isfinite(y)
@@ -246,7 +245,7 @@ def tracking_statistics(errors):
     Returns
     -------
     dict
-        ``az_mean_arcsec``, ``az_std_arcsec`` (coordinate, as the paper is read here),
+        ``az_mean_arcsec``, ``az_std_arcsec`` (encoder angle, our reading of the paper),
         ``az_sky_...`` (times cos(elevation)), ``el_...`` and ``n``.
 
     Raises

@@ -12,30 +12,30 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an analysis finds, as data; `calibration.report.wording` has the sentence of each kind."""
+"""Findings of an analysis as data; `calibration.report.wording` has the sentence of each kind."""
 
 from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that people should know.
+    """One result to report.
 
     Attributes
     ----------
     kind : str
-        Which sentence it is; `calibration.report.wording` has one for each.
+        Key of its sentence in `calibration.report.wording`.
     size, sigma : float, optional
-        What was found and its standard error, in `unit`.
+        Value and standard error, in `unit`.
     unit : str
     causes : tuple of str
-        What explains it equally well.
+        Causes that explain it equally well.
     before, after : float, optional
-        A figure of merit without and with it, arcsec.
+        Figure of merit without and with it, arcsec.
     todo : str
-        Key of what to do about it.
+        Key of the recommended action.
     evidence : dict
-        What else the sentence needs.
+        Other values for the sentence.
     """
 
     kind: str

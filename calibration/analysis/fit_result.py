@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a fit gives: the model, how good it is, and what the stars did not determine."""
+"""The result of a fit: the model, its errors, and what the stars did not determine."""
 
 from dataclasses import dataclass, replace
 
@@ -29,60 +29,60 @@ from ..estimation.few_rows import FEW
 from ..rows import BEYOND_COLLIMATION
 from .finding import Finding
 
-#: times what a direction moves at the stars, from where it moves more than they show
+#: a prediction that an undetermined direction changes by more than this times its RMS at the stars
+#: counts as undetermined
 _BEYOND = 10.0
-_NOTHING = 1e-9  # of the largest number of a direction: rounding
+_NOTHING = 1e-9  # component of a direction that is rounding, over the largest
 
 
 @dataclass(frozen=True)
 class FitResult:
-    """A fitted model and how good it is.
+    """A fitted model and its quality.
 
     Attributes
     ----------
     model : PointingModel
-        What was fitted (on top of the model it was fitted on).
+        The fitted model (including a held model).
     names : tuple of str, length k
-        The fitted coefficients.
+        Names of the fitted coefficients.
     coefficients : ndarray, shape (k,)
-        Radians; of a term that was held too, what was added to it.
+        Radians; for a term that is also in the held model, the amount added.
     covariance : ndarray, shape (k, k)
-        Radians^2. Directions in `dropped` are not in it: those of `undetermined` are what they
-        are beside the ones that are held at zero, and only predictions among the observed stars
-        have a meaning.
+        Radians^2, without the directions in `dropped`: values of `undetermined` coefficients
+        depend on those held at zero, and only predictions among the observed stars are meaningful.
     covariance_from : {'given sigmas', 'multiplied sigmas', 'measured scatter'}
-        What the covariance is scaled by.
+        Source of the scale of the covariance.
     scatter : tuple of float
-        Noise of x and y, radians (per axis, with the degrees of freedom that the fit took).
+        Noise of x and y, radians (each axis with its own degrees of freedom).
     rank : int
     singular_values : ndarray, shape (k,)
-        Of the first-order design, weighted by the sigmas, with columns of unit length,
-        descending.
+        Singular values of the first-order design, weighted by the sigmas, with columns of unit
+        length, descending.
     dropped : list of dict
         Directions below `rcond`: ``text`` with the main terms, ``direction``,
         ``relative_singular_value``.
     residual_x, residual_y : ndarray, shape (n,)
-        On the sky, radians, a row of the run each; NaN in excluded rows.
+        Residual of each row on the sky, radians; NaN in excluded rows.
     weights : ndarray, shape (n,)
         Robust weight of each row, 0 (rejected or excluded) to 1.
     excluded : list of dict
         ``row`` and ``reason`` of the rows that could not be used.
     robust : bool
-        Whether rows were downweighted (never with fewer than 1.5 values a coefficient) or, where
-        they are few, tested (`few_rows`).
+        Whether rows were downweighted (never with fewer than 1.5 values per coefficient) or, if
+        few, tested (`few_rows`).
     freedom : ndarray, shape (k,)
-        Degrees of freedom of each standard error; infinite from given sigmas that hold.
+        Degrees of freedom of each standard error; infinite if from given sigmas.
     undetermined : tuple of str
-        Coefficients with a share in `dropped`: see `undetermined_terms.Undetermined`.
+        Undetermined coefficients: see `undetermined_terms.Undetermined`.
     raised : list of dict
-        Sigmas that were taken larger than they are given, see `rows.Usable`.
+        Sigmas that were raised, see `rows.Usable`.
     ratios : tuple of float
-        As of `estimate.Estimate`.
+        See `estimate.Estimate`.
     zeros : PowerOnZero or Zeros
-        What was taken off the encoder's angles; where the zeros of the runs were fitted with the
-        rest, of each with that, and the covariance of its distance from the first.
+        Zeros subtracted from the encoder's angles. If zeros of the runs were fitted too, these are
+        included, with the covariance of their difference from the first run.
     linear : Linearisation or None
-        The same fit as a linear problem of its rows.
+        Linearisation of the fit, for refits without some rows.
     """
 
     model: PointingModel
@@ -108,26 +108,26 @@ class FitResult:
 
     @property
     def sigma(self):
-        """Standard errors of the coefficients, radians, shape (k,); NaN of undetermined ones."""
+        """Standard errors of the coefficients, radians, shape (k,); NaN if undetermined."""
         sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         sigma[[self.names.index(name) for name in self.undetermined]] = np.nan
         return sigma
 
     @property
     def degrees_of_freedom(self):
-        """Values of the rows with a weight, less the coefficients that they determine."""
+        """Number of values with weight, less the rank."""
         return 2 * int(np.count_nonzero(self.weights > 0.0)) - self.rank
 
     @property
     def few(self):
-        """Whether sigmas mislead for want of rows: 95 % are not within two of them."""
+        """Whether there are too few rows for sigmas: two of them cover less than 95 %."""
         return self.degrees_of_freedom < FEW and self.covariance_from != 'given sigmas'
 
     @property
     def within95(self):
-        """How far from the truth a coefficient is in 95 % of cases, radians, shape (k,).
+        """Half width of the 95 % confidence interval of each coefficient, radians, shape (k,).
 
-        `sigma` times the point of Student's t for its degrees of freedom.
+        `sigma` times the quantile of Student's t for its degrees of freedom.
         """
         from scipy.special import stdtrit
         return self.sigma * stdtrit(self.freedom, 0.975)
@@ -138,8 +138,8 @@ class FitResult:
         Parameters
         ----------
         interval : bool, optional
-            With ``within95_arcsec`` and ``degrees_of_freedom`` (of its sigma; None: the noise is
-            known); by default where the rows are `few`.
+            Add ``within95_arcsec`` and ``degrees_of_freedom`` (of its sigma; None: the noise is
+            known); by default if the rows are `few`.
         """
         rows = [{'name': name, 'value_arcsec': float(value) / ARCSEC,
                  'sigma_arcsec': float(sigma) / ARCSEC if np.isfinite(sigma) else None}
@@ -156,7 +156,7 @@ class FitResult:
 
     @property
     def correlations(self):
-        """Correlation matrix of the coefficients, shape (k, k); NaN of undetermined ones."""
+        """Correlation matrix of the coefficients, shape (k, k); NaN if undetermined."""
         sigma = self.sigma
         sigma = np.where(sigma <= 0.0, 1.0, sigma)
         return self.covariance / np.outer(sigma, sigma)
@@ -169,16 +169,16 @@ class FitResult:
 
     @property
     def rejected(self):
-        """Indices of the rows that the robust fit gave no weight, without the excluded ones."""
+        """Indices of the rows rejected by the robust fit (zero weight), without excluded ones."""
         return np.flatnonzero((self.weights == 0.0) & np.isfinite(self.residual_x))
 
     def findings(self, run):
-        """What people must know of the fit beside its figures.
+        """Warnings and notes about the fit.
 
         Parameters
         ----------
         run : PointingRun
-            That was fitted.
+            The fitted run.
 
         Returns
         -------
@@ -194,7 +194,7 @@ class FitResult:
         return [*out, *self.sigma_findings(run.mount.names.axes), *self.freedom_findings]
 
     def sigma_findings(self, axes):
-        """Findings on given sigmas that are not what the axes, of these names, scatter by."""
+        """Findings on given sigmas that disagree with the scatter; `axes`: names of the axes."""
         each = {'sigmas multiplied': {axis: one for axis, one in zip(axes, self.ratios)
                                       if one > 1.0},
                 'sigmas too large': {axis: one for axis, one in zip(axes, self.ratios)
@@ -204,19 +204,19 @@ class FitResult:
 
     @property
     def freedom_findings(self):
-        """Findings of a fit of few rows; none of others."""
+        """Findings of a fit of few rows; none for other fits."""
         if not self.few:
             return []
         out = [Finding('few degrees of freedom', evidence={'degrees': self.degrees_of_freedom})]
         return out if self.robust else [*out, Finding('rows not judged')]
 
     def rejected_stars(self, rows):
-        """Findings on the stars that the robust fit rejected, the farthest first.
+        """Findings on the stars rejected by the robust fit, largest residual first.
 
         Parameters
         ----------
         rows : PointingRun
-            That were fitted, with their stars.
+            The fitted rows, with column `star`.
         """
         far = np.hypot(self.residual_x, self.residual_y)
         away = self.rejected[np.argsort(-far[self.rejected], kind='stable')]
@@ -229,7 +229,7 @@ class FitResult:
 
     @property
     def open_directions(self):
-        """A Finding on each direction that the stars do not determine, list."""
+        """List of a Finding on each direction that the stars do not determine."""
         return [Finding('open direction', evidence={'direction': one['text']})
                 for one in self.dropped]
 
@@ -239,7 +239,7 @@ class FitResult:
         Parameters
         ----------
         rejected : bool
-            Whether rows that the robust fit rejected are in it.
+            Include rows rejected by the robust fit.
 
         Returns
         -------
@@ -251,7 +251,7 @@ class FitResult:
 
 
 def named(rejected, most=5):
-    """Findings as of `rejected_stars`, those beyond `most` as one."""
+    """Findings of `rejected_stars`, those beyond `most` combined into one."""
     more = len(rejected) - most
     return [*rejected[:most], *([Finding('more stars rejected', more, unit='')] * (more > 0))]
 
@@ -262,9 +262,9 @@ def undetermined_terms(names, values):
     Parameters
     ----------
     names : sequence of str
-        Of them.
+        Names of these terms.
     values : dict of str to float
-        Of all terms: zero of those that are held.
+        Values of all terms; exactly zero for those held.
     """
     held = [name for name in names if values[name] == 0.0]
     return Finding('undetermined terms', evidence={
@@ -294,10 +294,10 @@ def make_result(run, names, used, found, model, zeros, notes):
     used : rows.Usable
     found : estimate.Estimate
     model : PointingModel
-        With the coefficients; its provenance is made here.
+        With the coefficients; its provenance is set here.
     zeros : PowerOnZero or Zeros
     notes : dict
-        For the provenance.
+        Entries for the provenance.
     """
     sigmas, excluded, scatter = used.sigmas, used.excluded, found.scatter
     n, left_open = len(used.rows), found.undetermined
@@ -328,8 +328,8 @@ def make_result(run, names, used, found, model, zeros, notes):
     }
     open_directions = left_open.directions
     if not undetermined:
-        # of a series, of which no coefficient is held: functions that are nearly alike among the
-        # stars, by how much one moves these (root mean square), are so between them too
+        # a series, of which no coefficient is held: its functions are smooth, so a direction that
+        # hardly changes the values at the stars (RMS) changes those between them little, too
         seen = left_open.moves[:, None] / np.sqrt(
             2 * n if sigmas is None else np.sum(np.square(1.0 / sigmas)))
         open_directions = open_directions / np.maximum(1.0, _BEYOND * seen / OPEN)

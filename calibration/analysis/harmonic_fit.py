@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The harmonics of paper 000 as a model that is published: which, of what degree, how good.
+"""The harmonics of paper 000 as a published model: choice of reading and degree, and its errors.
 
-Alone, as in the paper, or on what the physical terms leave. What cross-validation says of every
-choice is beside the one that was requested.
+Alone, as in the paper, or fitted to the residuals of the physical terms. The report compares the
+requested choice with all others by cross-validation.
 """
 
 from dataclasses import dataclass
@@ -33,12 +33,12 @@ from .finding import Finding
 from .term_fit import RCOND_HARMONICS, fit_harmonics, fit_terms
 
 NONE = 'none'
-#: what the parameter and the option `harmonics` may be
+#: values of the parameter and the option `harmonics`
 CHOICES = (NONE, *INTERPRETATIONS)
 READ_AS = {'zenith': 'E read as zenith distance', 'printed': 'E read as printed'}
 FOLDS = 10
 BY_PARAMETER = 'parameter'  # or by cross-validation
-#: share of the RMS by which another choice must be better to be named
+#: part of the RMS by which another choice must be better to be reported
 _NAMED = 0.01
 
 
@@ -49,18 +49,19 @@ class HarmonicChoice:
     Parameters
     ----------
     reading : {'none', 'zenith', 'printed'}
-        What the paper's E is.
+        Meaning of the paper's E.
     alone : bool
         Without the physical terms, as in the paper.
     degree : int
-        1 to 4; 0: that which predicts stars left out best.
+        1 to 4; 0: selected by cross-validation.
     rcond : float
-        As of `fit.fit_harmonics`: what few stars do not determine is left out; tiny: nothing is.
+        See `fit.fit_harmonics`: directions that the stars do not determine are dropped; a tiny
+        value keeps all.
 
     Raises
     ------
     ValueError
-        Unknown reading or degree; alone or a degree, and no harmonics.
+        Unknown reading or degree; `alone` or `degree` without harmonics.
     """
 
     reading: str = NONE
@@ -82,26 +83,26 @@ class HarmonicChoice:
         return self.reading != NONE
 
     def parameters(self):
-        """As parameters of a calibration; empty for none."""
+        """The choice as parameters of a calibration; empty for none."""
         return {} if not self else {'harmonics': self.reading, 'harmonics_alone': self.alone,
                                     'harmonics_degree': self.degree,
                                     'harmonics_rcond': self.rcond}
 
     def base(self, degree=None):
-        """The declared model in the words of the diagnosis; by default of the highest degree."""
+        """Name of the model as the base of a diagnosis; by default with the highest degree."""
         if not self:
             return 'physical'
         series = f'sh{degree or self.degree or DEGREE}' + 'p' * (self.reading == 'printed')
         return series if self.alone else f'physical+{series}'
 
     def label(self, degree, terms=PHYSICAL):
-        """The choice for people; `terms`: their names."""
+        """The choice in words; `terms`: names of the terms."""
         series = f'{count_of(degree)} harmonics, {READ_AS[self.reading]}'
         return f'{series}, alone' if self.alone else f'{len(terms)} terms, then {series}'
 
 
 def choice_of(parameters):
-    """The `HarmonicChoice` that a calibration's parameters make; none where it has none.
+    """`HarmonicChoice` from the parameters of a calibration.
 
     Parameters
     ----------
@@ -116,7 +117,7 @@ def choice_of(parameters):
 
 
 def choice_of_report(report):
-    """The `HarmonicChoice` that a report of a calibration gives, None: no report."""
+    """`HarmonicChoice` from the report of a calibration; `report` None: no harmonics."""
     document = (report or {}).get('harmonics')
     if not document:
         return HarmonicChoice()
@@ -125,14 +126,14 @@ def choice_of_report(report):
 
 
 class Recipe(NamedTuple):
-    """How rows are fitted.
+    """Options of a fit.
 
     Attributes
     ----------
     first : PowerOnZero
-        Zero of the first run; harmonics alone hold no constant zero of the azimuth.
+        Zero of the first run; harmonics alone cannot fit a constant zero of the azimuth.
     run_zeros : bool
-        The zero of each run is fitted too, from that of the first on.
+        Fit the zero of each run relative to that of the first.
     names : tuple of str, optional
         Terms; by default the physical ones of the mount.
     encoder : {'enc', 'abs'}
@@ -146,12 +147,12 @@ class Recipe(NamedTuple):
     robust: bool = True
 
     def terms(self, rows):
-        """The terms alone, a FitResult; ValueError as `fit_terms`."""
+        """Fit the terms alone; a FitResult. See `fit_terms` for errors."""
         return fit_terms(rows, self.names, zero=self.first, run_zeros=self.run_zeros,
                          encoder=self.encoder, robust=self.robust)
 
     def fit(self, rows, choice, degree, terms=None):
-        """The harmonics.
+        """Fit the harmonics; a FitResult.
 
         Parameters
         ----------
@@ -159,7 +160,7 @@ class Recipe(NamedTuple):
         choice : HarmonicChoice
         degree : int
         terms : FitResult, optional
-            Of the terms to the same rows, where it is known.
+            Fit of the terms to the same rows, if known.
 
         Raises
         ------
@@ -179,7 +180,7 @@ class Recipe(NamedTuple):
                 from None
 
     def left(self, fitted, rows):
-        """What a fit leaves of rows, shape (2, n), rad; a run without a zero has that before."""
+        """Residuals of rows, shape (2, n), rad; a run without a zero has that of the run before."""
         zeros = fitted.zeros
         if self.run_zeros:
             zeros = zeros.carried(np.unique(rows['run']))
@@ -187,7 +188,7 @@ class Recipe(NamedTuple):
 
 
 def every_choice(rcond=RCOND_HARMONICS):
-    """Terms alone (None, 0), and each reading alone and after terms in every degree."""
+    """Yield all choices: terms alone (None, 0), each reading alone or after terms, every degree."""
     yield None, 0
     for alone in (True, False):
         for reading in INTERPRETATIONS:
@@ -196,28 +197,28 @@ def every_choice(rcond=RCOND_HARMONICS):
 
 
 def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
-    """How well each kind of model predicts stars that it was not fitted to.
+    """Cross-validated RMS of every choice of model.
 
-    A star that was observed twice is left out with all its rows; exposures for a zero, of Polaris
-    or of stars, never are. Rows that no choice's fit to all of them gives any weight do not count:
-    they are the same error for all.
+    All rows of a star are held out together; exposures for a zero, of Polaris or of stars, are
+    never held out. Outliers of all choices (zero weight in each fit to all rows) are not counted:
+    they add the same error to all.
 
     Parameters
     ----------
     rows : PointingRun
     recipe : Recipe
     seed : int
-        Of the folds.
+        Random seed of the folds.
     rcond : float
-        As of `fit.fit_harmonics`.
+        See `fit.fit_harmonics`.
     folds : int
 
     Returns
     -------
     dict
-        JSON-ready: ``folds``, ``stars`` (rows that count), ``outliers``, and in ``choices`` of
-        each, where the stars determine it: ``harmonics``, ``alone``, ``degree``, ``label``, and
-        RMS ``x``, ``y``, ``radial``, arcsec.
+        JSON-ready: ``folds``, ``stars`` (rows counted), ``outliers``, and ``choices``, for each
+        choice that the stars determine: ``harmonics``, ``alone``, ``degree``, ``label``, and RMS
+        ``x``, ``y``, ``radial``, arcsec.
     """
     star = rows['star'] if 'star' in rows else np.arange(len(rows))
     terms_of = recipe.names or rows.mount.names.physical
@@ -268,7 +269,7 @@ def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
 
 
 def fit_chosen(rows, choice, recipe, terms=None, seed=0):
-    """Fit the harmonics that were asked for, and say how good every choice is.
+    """Fit the requested harmonics, and cross-validate every choice.
 
     Parameters
     ----------
@@ -277,9 +278,9 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
         Not ``none``.
     recipe : Recipe
     terms : FitResult, optional
-        The terms alone, where they are known.
+        Fit of the terms alone, if known.
     seed : int
-        Of the folds.
+        Random seed of the folds.
 
     Returns
     -------
@@ -287,7 +288,7 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
     section : dict
         For a report: ``harmonics``, ``alone``, ``degree``, ``degree_by``, ``label``,
         ``coefficients`` (rows with ``name``, ``value_arcsec``, ``sigma_arcsec``), ``rcond``,
-        ``rank``, ``condition``, ``rejected``, ``fitted`` (RMS on the rows that have a weight),
+        ``rank``, ``condition``, ``rejected``, ``fitted`` (RMS of the rows with weight),
         ``cross_validation``.
     findings : list of Finding
 
@@ -296,7 +297,7 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
     ValueError
         Too few stars for the degree, or to choose one.
     """
-    # a degree that these rows cannot have is reported before the long work
+    # fit first: fails early if the rows do not allow the degree
     fitted = choice.degree and recipe.fit(rows, choice, choice.degree, terms)
     tried = cross_validated(rows, recipe, seed, choice.rcond)
     own = {one['degree']: one for one in tried['choices']
@@ -304,7 +305,7 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
     degree = choice.degree
     if not degree:
         if not own:
-            recipe.fit(rows, choice, 1, terms)  # says why it cannot be, if it cannot
+            recipe.fit(rows, choice, 1, terms)  # raises the specific reason, if there is one
             raise ValueError('too few stars to choose the degree of the harmonics by '
                              'cross-validation; observe more or give a degree, 1 to 4')
         degree = min(own, key=lambda d: (own[d]['radial'], d))
@@ -334,7 +335,7 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
 
 
 def rows_of_terms(model):
-    """As `FitResult.term_rows`, of a PointingModel."""
+    """Rows like those of `FitResult.term_rows`, of a PointingModel."""
     return [{'name': name, 'value_arcsec': value / ARCSEC,
              **({'sigma_arcsec': float(s) / ARCSEC} if np.isfinite(s) else
                 {'sigma_arcsec': None, 'undetermined': True})}

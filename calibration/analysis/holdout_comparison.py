@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""RMS of stars that a fit did not see, from no correction to the full model."""
+"""RMS of held-out stars, from no correction to the full model."""
 
 from contextlib import suppress
 
@@ -31,32 +31,32 @@ HARMONICS, BOTH, PUBLISHED = 'harmonics', 'terms and harmonics', 'published'
 
 
 def held_out_steps(rows, recipe_of, used, reference, first, way, notes, published=None):
-    """Each kind of model on the stars that it was fitted to, and on the others.
+    """RMS of each kind of model on the fitted stars, and on the held-out ones.
 
     Parameters
     ----------
     rows : PointingRun
-        Stars and exposures for zeros, which every fit sees.
+        Stars, and exposures for zeros, which all fits use.
     recipe_of : callable
         ``recipe_of(rows)`` gives the `harmonic_fit.Recipe` for them.
     used : ndarray of bool
-        Which of the stars are fitted.
+        Mask of the stars to fit.
     reference : PointingModel or None
-        Of an earlier night.
+        Model of an earlier night.
     first : Zeros
-        By their exposures alone, of each power-on.
+        Zero of each power-on from its exposures alone.
     way : str
-        By which way they were set (`external_check.ways`); '' where none was.
+        How they were set (`external_check.ways`); '' if none was.
     notes : list of str
-        Gets a line where stars are too few for what was requested.
+        Gets a line if there are too few stars for the request.
     published : (str, callable), optional
-        Harmonics that are published: their label, and ``fit(rows, recipe)``.
+        Published harmonics: their label, and ``fit(rows, recipe)``.
 
     Returns
     -------
     list of dict
-        ``kind``, what it is ``of`` (by which way zeros were set, how harmonics are read, a label),
-        and ``used`` and ``held_out`` as `external_check.rms_of` gives them.
+        ``kind``, ``of`` (how zeros were set, the reading of the harmonics, or a label), and the
+        RMS ``used`` and ``held_out``, see `external_check.rms_of`.
     """
     is_star = ~is_for_zero(rows)
     stars = rows.select(is_star)
@@ -73,8 +73,7 @@ def held_out_steps(rows, recipe_of, used, reference, first, way, notes, publishe
     compare(RAW if reference is None else REFERENCE, base, active_zero(reference))
     if way:
         compare(ZEROED, base, first, way)
-    # functions of azimuth and elevation, to compare with: nobody has asked for them, and where
-    # the stars are too few for them it is no news
+    # harmonics of azimuth and elevation, only for comparison: no note if there are too few stars
     for reading in INTERPRETATIONS if rows.mount.vertical else ():
         with suppress(ValueError):
             compare(HARMONICS, fit_harmonics(halves['used'], reading, zero=first).model, first,

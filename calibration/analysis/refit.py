@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model's terms and effects fitted anew to some of the rows: to test what of them holds."""
+"""Refits of a model's terms and effects to some of the rows, to test them on the others."""
 
 from dataclasses import replace
 
@@ -26,36 +26,36 @@ from pointing_model.pointing_terms import stacked_design
 from ..estimation.comparison import CHANCE, FEWEST, compare_residuals
 from ..estimation.step_scan import robust_fit
 
-#: shares of the night left out at its end to see how far a drift can be carried on
+#: parts of the night held out at its end to test how far a drift can be extrapolated
 _STRETCHES = (1 / 2, 1 / 3, 1 / 4)
-#: chance of a drift that says nothing of what comes to look as good. Of 30 random walks of 0.3 and
-#: 0.6" a row 10 and 17 % are carried on, as with 0.05; of drifts of 2.4 and 4" a night, noise 1",
-#: 60 and 73 % (with 0.05 37 and 50 %), of 12" all
+#: p below which an extrapolation is better. Of 30 random walks of 0.3 and 0.6" per row, 10 and 17 %
+#: are extrapolated, as with 0.05; of drifts of 2.4 and 4" a night with noise of 1", 60 and 73 %
+#: (with 0.05 37 and 50 %), of 12" all
 _BY_CHANCE = CHANCE
 
 
 def refitted(model, rows, effects, seen=None):
-    """Terms, harmonics and effects of a model, linear about its terms.
+    """Refit terms, harmonics and effects of a model, linearised about its terms.
 
     Parameters
     ----------
     model : PointingModel
-        Its effects of the kind ``known`` stay as they are.
+        Effects of the kind ``known`` are not refitted.
     rows : PointingRun
-        Zeros taken off, in order.
+        With zeros subtracted, in order.
     effects : sequence of FittedEffect
-        To be in the result.
+        Effects of the result.
     seen : ndarray of bool, shape (n,), optional
-        Rows to fit to; all by default. What a row inherits from the one before it comes from
-        the others too.
+        Rows to fit; all by default. The other rows still serve as predecessors, for effects that
+        depend on the row before.
 
     Returns
     -------
     model : PointingModel
         Its index terms are those of the newest run in `rows`.
     shifts : dict
-        Older run -> how far its zero lies from that of the newest, beyond the zeros that were
-        taken off: azimuth and elevation, shape (2,), rad.
+        Older run -> its zero relative to the newest, beyond the subtracted zeros: azimuth and
+        elevation, shape (2,), rad.
 
     Raises
     ------
@@ -111,36 +111,36 @@ def _zero_columns(rows):
 
 
 def is_drift(fitted):
-    """Whether it goes on with the time, and is held from some time on."""
+    """Whether a fitted effect is a drift in time that is held constant from some time on."""
     e = fitted.effect
     return (e.form in ('drift', 'changing') and e.driver == 'time'
             and bool(e.parameters.get('within')))
 
 
 def held_within(fitted, first, last):
-    """A drift that goes on from `first` to `last` (UTC s) and is held before and after."""
+    """A drift that varies from `first` to `last` (UTC s), and is constant before and after."""
     e = fitted.effect
     return replace(fitted, effect=effect(
         e.form, **{**e.parameters, 'within': [float(first), float(last)]}))
 
 
 def going_on(model, rows):
-    """For how long each linear drift in time has been shown to go on.
+    """How far each linear drift in time can be extrapolated.
 
-    Stretches at the end of the night are left out in turn, terms and effects are fitted to what
-    is before them, and the stretch is predicted with the drift carried on and with it held.
+    Stretches at the end of the night are held out in turn, terms and effects are fitted to the rows
+    before, and the stretch is predicted with the drift extrapolated and with it held.
 
     Parameters
     ----------
     model : PointingModel
     rows : PointingRun
-        As of `refitted`, with `time`.
+        See `refitted`, with `time`.
 
     Returns
     -------
     list of float
-        For each effect of `model`: for how much of the night's length, 0 to 1. 0 for an effect
-        that is no linear drift.
+        For each effect of `model` the time, as a part of the night's length, 0 to 1; 0 for an
+        effect that is no linear drift.
     """
     first, last = np.nanmin(rows['time']), np.nanmax(rows['time'])
     span = last - first
@@ -164,13 +164,13 @@ def going_on(model, rows):
 
 
 def _gain(model, place, rows, first, end, last):
-    """`Comparison` of a drift carried on over the rows after `end` with the same one held."""
+    """`Comparison` of a drift extrapolated over the rows after `end` with the same one held."""
     seen = rows['time'] <= end
     if np.count_nonzero(seen) < FEWEST:
         raise ValueError('too few rows')
     effects = [held_within(e, first, end) if is_drift(e) else e for e in model.effects]
     held, _ = refitted(model, rows, effects, seen)
-    # known effects come first in what is refitted
+    # known effects come first in a refitted model
     order = sorted(range(len(effects)), key=lambda i: effects[i].effect.kind != 'known')
     carried = list(held.effects)
     at = order.index(place)
@@ -182,19 +182,19 @@ def _gain(model, place, rows, first, end, last):
 
 
 def left_out(rows, end=1 / 8, share=1 / 8):
-    """Rows to test a night by that has none kept for it: its end, and some of the others.
+    """Choose validation rows for a night without any: its end, and a random part of the others.
 
     Parameters
     ----------
     rows : PointingRun
         With `time` or in order of time.
     end, share : float
-        Shares of the rows.
+        Parts of the rows: at the end, and at random.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        None of them where too few would be left.
+        All false if there would be too few.
     """
     n = len(rows)
     out = np.zeros(n, bool)

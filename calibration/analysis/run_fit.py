@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The fit of a measured run, from its columns to what is known of the model: one pipeline.
+"""The pipeline of a fit to a measured run, from its columns to model and findings.
 
-The command ``fit`` and `telescope_mount.fit` are options and printing around it.
+The command ``fit`` and `telescope_mount.fit` add options and printing.
 """
 
 from dataclasses import dataclass, field, replace
@@ -51,35 +51,36 @@ from .term_fit import fit_terms
 
 @dataclass
 class RunFit:
-    """What a fit to a measured run found.
+    """Result of a fit to a measured run.
 
     Attributes
     ----------
     run : PointingRun
-        With the errors that hold (`sky_model.settled`), without what a base model holds.
+        With its settled kind of errors (`sky_model.settled`), and held effects of a base model
+        subtracted.
     encoder : {'enc', 'abs'}
     terms : FitResult
     model : PointingModel
-        With harmonics, or what was chosen to predict, and what a base model holds.
+        With harmonics or predictive effects, and held effects of a base model.
     plain : PointingModel
-        The same without what a base model holds.
+        The same without held effects of a base model.
     columns : ColumnCheck
     halves : Rms or None
-        Of each half of the rows, by a fit to the other.
+        RMS of each half of the rows, by a fit to the other half.
     origin : Origin or None
-        Whose the errors of a German mount are.
+        Kind of errors of a German mount (mount or sky).
     counts : dict
-        Of `RowCounts`.
+        From `RowCounts`.
     few_used : bool
-        More than a third of the rows is left out.
+        More than a third of the rows is excluded.
     excluded : list of dict
-        ``row`` in the file and ``reason`` of the rows that were left out.
+        ``row`` in the file and ``reason`` of the excluded rows.
     harmonics : dict or None
-        As of `harmonic_fit.fit_chosen`, with ``harmonic_findings``.
+        See `harmonic_fit.fit_chosen`, with ``harmonic_findings``.
     predicted : diagnosis.prediction.PredictiveModel or None
     base : base_model.BaseModel or None
     findings : list of Finding or str
-        What people should know: of the reader of the file first, as it says it.
+        Warnings and notes; those of the file's reader first, unchanged.
     """
 
     run: PointingRun
@@ -102,7 +103,7 @@ class RunFit:
 
 def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics=None,
             predict=False, source=None, sessions=0.0, **solver):
-    """Check the columns of a run, and fit what is requested.
+    """Check the columns of a run, and fit the requested model.
 
     Parameters
     ----------
@@ -112,17 +113,17 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
     encoder : {'enc', 'abs'}
     robust : bool
     base : base_model.BaseModel, optional
-        Its terms are fitted anew, the rest of it is held, and whose the errors are it says.
+        Its terms are refitted, the rest is held; it also sets the kind of errors of the mount.
     harmonics : harmonic_fit.HarmonicChoice, optional
     predict : bool
-        Choose effects of the direction that predict stars left out.
+        Add effects that depend on direction and improve the prediction of held-out stars.
     source : str, optional
-        Of the model's provenance; by default that of the run.
+        Source in the model's provenance; by default that of the run.
     sessions : float, optional
-        A gap longer than so many hours begins a session with zeros of its own, see
-        `diagnosis.sessions.arrange`; None: told by the data; 0: one zero for all rows.
+        A gap longer than this, in hours, begins a session with zeros of its own, see
+        `diagnosis.sessions.arrange`; None: decided by the data; 0: one zero for all rows.
     **solver
-        As of `estimation.gauss_newton.gauss_newton`.
+        See `estimation.gauss_newton.gauss_newton`.
 
     Returns
     -------
@@ -131,7 +132,7 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
     Raises
     ------
     MistakenColumns
-        A ValueError: the columns are not what they are named.
+        A ValueError: the columns do not hold what their names say.
     ValueError
         Too few usable rows or unknown terms.
     """
@@ -182,13 +183,13 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
 
 
 def _newest_zeros(result, index):
-    """The model with the zeros of the newest run in the place of the first's.
+    """The model with the zeros of the newest run in place of those of the first.
 
     Returns
     -------
     model : PointingModel
     zeros : Zeros
-        Of the runs beside it.
+        Zeros of the runs relative to it.
     newest : list of Finding
     """
     newest, names = result.zeros.newest, list(result.names)
@@ -205,7 +206,7 @@ def _newest_zeros(result, index):
 
 
 def _patterns(run, result, terms, how):
-    """Findings on places visited again (with new zeros after a step), rows alike, outliers."""
+    """Findings on revisited places (with new zeros after a step), correlated rows, outliers."""
     rows = ResidualRows.from_fit(run, result, how['encoder'])
     out = visit_findings(rows, rows.visits(terms, how['run_zeros']))
     if not how['run_zeros'] and out and out[0].kind == STEP:
@@ -219,15 +220,15 @@ def _patterns(run, result, terms, how):
 
 
 def one_of_runs(run, number=None, zeros_known=False):
-    """The run of a number; of several that are fitted as one a finding says so.
+    """The rows of one run; or all rows, with a finding if several runs are fitted as one.
 
     Parameters
     ----------
     run : PointingRun
     number : int, optional
-        In its column ``run``; None: all.
+        Value in its column ``run``; None: all.
     zeros_known : bool
-        The zeros of the runs are taken off, as in logs of ours.
+        The zeros of the runs are already subtracted, as in this project's logs.
     """
     numbers = sorted(set(run['run'].tolist())) if 'run' in run else []
     if number is not None:
@@ -244,6 +245,6 @@ def one_of_runs(run, number=None, zeros_known=False):
 
 
 def implausible_values(terms):
-    """Findings on values that no mount should have, of rows as of `FitResult.term_rows`."""
+    """Findings on values that no mount should have, in rows of `FitResult.term_rows`."""
     return [Finding('implausible term', row['value_arcsec'], row['sigma_arcsec'], evidence=row)
             for row in suspicious(terms)]

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether the errors of a German mount are those of its parts, or of a model applied on the sky.
+"""Do the errors of a German mount belong to its parts, or to a model applied on the sky?
 
-A part of a mount goes through the pole with it: collimation, non-perpendicularity and the zero of
-the declination axis are reversed on the sky on the other side of the pier. A program that corrects
-hour angle and declination *before* it works out the side applies the same number on both: its
-terms do not change their sign. A mount that is driven through such a program, or a simulator that
-is made so, shows errors of the second kind.
+Errors of mount parts go through the pole with the mount: collimation, non-perpendicularity and the
+zero of the declination axis change sign on the sky on the other side of the pier. A program that
+corrects hour angle and declination *before* it works out the side applies the same correction on
+both: its terms do not change sign. A mount driven through such a program, or a simulator built that
+way, shows errors of the second kind.
 
-Both are models of the same number of coefficients, fitted to the same rows (`Mount.errors`); they
-are tested on rows left out. What holds is the mount of the run from then on (`settled`), so that
-all that is fitted, tested and published later has it.
+Both are models with the same number of coefficients, fitted to the same rows (`Mount.errors`) and
+compared by cross-validation. The better one is set in the mount of the run (`settled`), for all
+later fits, tests and publications.
 """
 
 from dataclasses import dataclass
@@ -37,34 +37,34 @@ from pointing_model.zero import is_for_zero
 
 from .term_fit import fit_terms
 
-#: chance that rows of two models that predict alike differ as much, below which one is said to hold
+#: significance level for deciding between the two models
 CHANCE = 0.01
-#: rows left out together are one of so many parts
+#: cross-validation folds
 FOLDS = 10
-#: fewer rows of a side say nothing of it
+#: fewest rows on each side of the pier
 FEWEST = 3
-_LIMIT = 3.0  # times the noise of the better fit, radial, that a row adds to its loss
+_LIMIT = 3.0  # largest radial residual in the loss, in units of the noise of the better fit
 
 
 def with_errors(run, errors):
-    """The run, of a mount whose errors are of its parts or act on the sky.
+    """The run with another value of `Mount.errors`.
 
     Parameters
     ----------
     run : PointingRun
-        Of a German mount.
+        Run of a German mount.
     errors : {'mount', 'sky'}
     """
     return PointingRun(run.columns, {**run.meta, 'mount': run.mount.with_errors(errors)})
 
 
 def settled(run, names=None, *, encoder='enc', robust=True):
-    """The run with the errors that hold, where it can tell; else as it is.
+    """The run with the better kind of errors if its rows decide; otherwise unchanged.
 
     Parameters
     ----------
     run, names, encoder, robust
-        As of `origin_of_errors`.
+        See `origin_of_errors`.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def settled(run, names=None, *, encoder='enc', robust=True):
 
 
 def settled_together(*groups, encoder='enc'):
-    """Runs of one mount, with the errors that hold by the longest of the first group.
+    """Runs of one mount, with the kind of errors decided by the longest run of the first group.
 
     Parameters
     ----------
@@ -89,9 +89,9 @@ def settled_together(*groups, encoder='enc'):
     Returns
     -------
     groups : tuple
-        As they were given.
+        In the form given.
     origin : Origin or None
-        Where the errors that hold are others than the runs had; else None.
+        None if the kind of errors is undecided or unchanged.
     """
     origin = origin_of_errors(max(groups[0], key=len), encoder=encoder)
     if origin is None or origin.holds in ('', groups[0][0].mount.errors):
@@ -102,23 +102,23 @@ def settled_together(*groups, encoder='enc'):
 
 @dataclass(frozen=True)
 class Origin:
-    """Which of the two leaves less on rows left out.
+    """Comparison of the two kinds of errors by cross-validation.
 
     Attributes
     ----------
     holds : {'mount', 'sky', ''}
-        '' where the rows do not decide.
+        The better one; '' if the rows do not decide.
     chance : float
-        Of the difference, two-sided, by Wilcoxon's signed-rank test of the radial errors of each
-        row left out. It asks no distribution of them, and one wild row counts as one row.
+        Two-sided p of the difference, by Wilcoxon's signed-rank test of the radial errors of
+        held-out rows. It assumes no distribution, and an outlier counts as one row.
     left_out : dict of str to float
-        Radial RMS of rows left out of ``mount`` and ``sky``, rad.
+        Cross-validated radial RMS of ``mount`` and ``sky``, rad.
     fits : dict of str to FitResult
-        To all rows, of both; that of ``sky`` is to the folded run.
+        Fits of both to all rows; that of ``sky`` is to the folded run.
     rows : int
-        Compared: without those that the better fit rejects.
+        Number of rows compared, without those that the better fit rejects.
     beyond : int
-        Of them, through the pole.
+        Number of these observed through the pole.
     """
 
     holds: str
@@ -139,7 +139,7 @@ class Origin:
 
 
 def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
-    """Compare both, where the run can tell.
+    """Compare both kinds of errors, if the run allows it.
 
     Parameters
     ----------
@@ -148,13 +148,13 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
         Terms to fit; by default the mount's physical ones.
     encoder : {'enc', 'abs'}
     robust : bool
-        As of `fit.fit_terms`.
+        See `fit.fit_terms`.
 
     Returns
     -------
     Origin or None
-        None where nothing can be reported: another mount than a German one, one side alone, no term
-        whose sign changes with the side, or too few rows.
+        None for another mount than a German one, only one side, no term whose sign changes with
+        the side, or too few rows.
     """
     names = run.mount.names.physical if names is None else tuple(names)
     if not run.mount.two_sided or not {'ID', 'CH', 'NP'} & set(names):
@@ -180,7 +180,7 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
             return None
         errors = {name: _left_out(rows.select(good), names, encoder, robust, beyond[good], several)
                   for name, rows in runs.items()}
-    except ValueError:  # what is left has too few rows for the terms
+    except ValueError:  # too few rows for the terms
         return None
     lengths = {name: np.hypot(*both) for name, both in errors.items()}
     left_out = {name: float(rms(*both)) for name, both in errors.items()}
@@ -196,10 +196,10 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
 
 
 def _described(fits):
-    """Rows that the better of some robust fits does not reject: what else there is judges none.
+    """Rows that the better of some robust fits does not reject; outliers test neither model.
 
-    Such as rows with the side of the pier that the mount had before. The better one has less of
-    a loss that no row adds more than a limit to.
+    Outliers are, for example, rows with the wrong side of the pier. The better fit has the smaller
+    truncated sum of squares.
     """
     limit = _LIMIT * min(fit.rms_arcsec(rejected=False).radial for fit in fits) * ARCSEC
     squares = [np.square(fit.residual_x) + np.square(fit.residual_y) for fit in fits]
@@ -208,9 +208,9 @@ def _described(fits):
 
 
 def origin_of_night(rows):
-    """As `origin_of_errors`, of the stars of the power-on that has most.
+    """`origin_of_errors` of the stars of the power-on with most rows.
 
-    Each power-on has its own zero.
+    Only of one, for each power-on has its own zero.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def origin_of_night(rows):
 
 
 def _folded(run, encoder):
-    """Rows of a mount that never goes through the pole, at the angles folded back to the sky."""
+    """The run as of a mount that never goes through the pole: angles folded back to the sky."""
     beyond = is_beyond(run['el'])
     pairs = [through_pole(run[f'az{of}'], run[f'el{of}'], beyond) for of in ('', f'_{encoder}')]
     columns = dict(zip(('az', 'el', f'az_{encoder}', f'el_{encoder}'), sum(pairs, ())))
@@ -234,15 +234,15 @@ def _folded(run, encoder):
 
 
 def _long_runs(numbers):
-    """Those with rows beyond what their zeros take."""
+    """Runs with at least `FEWEST` rows, more than their zeros need."""
     numbers, counts = np.unique(numbers, return_counts=True)
     return numbers[counts >= FEWEST]
 
 
 def _left_out(run, names, encoder, robust, beyond, several):
-    """Errors on the sky of each row by a fit without it, (x, y), rad; parts have both sides.
+    """Cross-validated errors of each row on the sky, (x, y), rad; folds have rows of both sides.
 
-    Of several runs each has its own zero; none lies in one part alone.
+    With several runs each has its own zero, and no run is in one fold alone.
     """
     number = run['run'] if several else np.zeros(len(run))
     order = np.lexsort((beyond, number))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a plate-solved run says of its own rows: false solves, copies, the frame, the sigma."""
+"""Checks of a plate-solved run: false solutions, copies, coordinate frame, sigma."""
 
 from dataclasses import dataclass
 
@@ -29,48 +29,48 @@ from pointing_model.sky.places import sidereal_time
 from .finding import Finding
 from .term_fit import fit_terms
 
-#: below so many rows nothing is tested: seven terms and a scatter need more
+#: fewest rows for any test: seven terms and a scatter need more
 FEW = 8
-#: a row is no pointing error beyond so many times the noise, and at least so far
+#: a row is a false solution beyond this many times the noise, and at least this far off
 _FALSE, _FALSE_LEAST = 20.0, 60.0 * ARCSEC
-_MOST = 1.0 / 3.0  # of the rows, that may be false: beyond it nobody knows which are
-_TRIES, _SCORED = 300, 500  # pairs of rows that a rotation is tried from; rows it is tested on
-_SHARE = 0.6  # of the rows that must agree with it
-_NEAR, _NEAR_LEAST = 10.0, 0.2 * DEG  # and how near, beside those
-_LOST = 3.0 * DEG
-#: how many times better, and by which log-likelihood, another frame must fit; and by which the
-#: frame that none was declared for
+_MOST = 1.0 / 3.0  # largest part of false rows: with more it is unknown which are false
+_TRIES, _SCORED = 300, 500  # pairs of rows that each give a trial rotation; rows that test it
+_SHARE = 0.6  # part of the rows that must agree with the rotation
+_NEAR, _NEAR_LEAST = 10.0, 0.2 * DEG  # limit for inliers: times the agreement of these; at least
+_LOST = 3.0 * DEG  # worst agreement of these rows: beyond it no rotation fits
+#: ratio of noise, and ln of the likelihood ratio, by which another frame must fit better to refuse
+#: the declared one; ln by which an assumed frame must be better if none was declared
 _BETTER, _LIKELIER, _DECISIVE = 1.25, 15.0, 10.0
-_FITS = 600.0  # arcsec; beyond it no frame fits
+_FITS = 600.0  # arcsec, largest RMS of a frame that fits
 _LEAST_NOISE = 1e-4 * ARCSEC
-_TILT = 1.0 * DEG  # no azimuth axis leans so far
+_TILT = 1.0 * DEG  # implausible tilt of an azimuth axis
 _HOURS = 24.0 * DEG
-_ROWS = 3000  # that are fitted, evenly, of many
-_DIGITS = 1e4  # places a degree: coordinates that all are multiples may be equal by rounding
+_ROWS = 3000  # most rows fitted; more are thinned evenly
+_DIGITS = 1e4  # per degree: if all coordinates are multiples, equal ones may be due to rounding
 
 
 def check_solves(run):
-    """Leave out what is no pointing of this mount, and see that the frame is the declared one.
+    """Exclude false solutions, and check the coordinate frame against the declared one.
 
     Parameters
     ----------
     run : PointingRun
-        With ``meta['solved']`` (`pointing_model.runs.plate_solves`); without it the run
-        comes back as it is.
+        With ``meta['solved']`` (`pointing_model.runs.plate_solves`); without it the run is
+        returned unchanged.
 
     Returns
     -------
     PointingRun
-        False solves and copied solutions are in ``meta['excluded']``; their reasons, and what
-        is new in ``meta['notes']``, are Findings. Where the solutions have their own sigma,
-        `sigma_x` and `sigma_y` are that and what the rows scatter beyond it.
-        ``meta['solves_checked']`` says that this was done.
+        False and copied solutions are in ``meta['excluded']``; their reasons, and additions to
+        ``meta['notes']``, are Findings. If the solutions have their own sigma, `sigma_x` and
+        `sigma_y` combine it with the additional scatter of the rows. ``meta['solves_checked']`` is
+        set.
 
     Raises
     ------
     ValueError
-        The places fit another frame far better than the one that was declared or taken, or no
-        frame was declared and the rows cannot determine it.
+        The places fit another frame far better than the declared or assumed one, or no frame was
+        declared and the rows cannot determine it.
     """
     solved = run.meta.get('solved')
     if solved is None:
@@ -94,7 +94,7 @@ def check_solves(run):
 # ----------------------------------------------------------------------------------- false rows
 
 def _false_rows(run, solved, notes):
-    """Finding on each row that is no pointing, by its place in the run."""
+    """Findings on false rows, by their index in the run."""
     left, noise = _from_the_others(run)
     if left is None:
         return {}
@@ -109,10 +109,10 @@ def _false_rows(run, solved, notes):
 
 
 def _copies(run, solved, left, far):
-    """Rows whose solution is that of another row, to the last digit.
+    """Rows with the same solution as another row, to the last digit.
 
-    Places of a star that was centred again are the same too: there a copy must be far from where
-    the encoders point.
+    A star centred again also has the same place; then a copy must be far from where the encoders
+    point.
     """
     first, out = {}, {}
     digits = np.degrees(solved.ra) * _DIGITS
@@ -131,7 +131,7 @@ def _copies(run, solved, left, far):
 
 
 def _from_the_others(run):
-    """How far each row lies from a mount that most rows agree on (radians), and their noise."""
+    """Distance of each row from a fit to the majority of the rows (radians), and their noise."""
     sound = _rotation_inliers(run)
     if sound is None or sound.sum() < FEW:
         return None, None
@@ -149,28 +149,29 @@ def _from_the_others(run):
 
 
 def _bare(run, **columns):
-    """Places and readings alone, `columns` in place of the run's; of the same mount."""
+    """A run of places and readings alone, some replaced by `columns`; with the same mount."""
     names = ('az', 'el', 'az_enc', 'el_enc')
     return PointingRun({**{name: run[name] for name in names}, **columns}, {'mount': run.mount})
 
 
 def _some(run):
-    """Some of very many rows, evenly."""
+    """At most `_ROWS` rows, evenly thinned."""
     if len(run) <= _ROWS:
         return run
     return run.select(np.linspace(0, len(run) - 1, _ROWS).astype(int))
 
 
 def _wrapped(x, el):
-    # through the pole the cosine is negative
+    # beyond the pole the cosine is negative
     reach = np.where(np.abs(np.cos(el)) > 1e-6, np.cos(el), 1e-6)
     return wrap(x / reach) * reach
 
 
 def _rotation_inliers(run):
-    """Rows that one rotation from places to readings holds, or None if none does for most.
+    """Inliers of the best rotation from places to readings, or None if none fits most rows.
 
-    The rotation is tried from pairs of rows: what a false solve says spoils only its own pairs.
+    Trial rotations come from random pairs of rows (RANSAC): a false solution spoils only its own
+    pairs.
     """
     az, el = run['az'], run['el']
     away = run['az_enc'] - az
@@ -182,7 +183,7 @@ def _rotation_inliers(run):
     pairs = rng.integers(0, len(run), (_TRIES, 2))
     rows = rng.permutation(len(run))[:_SCORED]
     best, least = None, _LOST
-    # elevations differ by a zero that is far, but not of a mount that is turned far
+    # the zero of the elevation may be large, but its median is wrong for a strongly rotated mount
     for zero_el in (lift, 0.0):
         reading = _vectors(run['az_enc'] - zero, run['el_enc'] - zero_el)
         turns = np.concatenate((np.eye(3)[None], _rotations(place[pairs], reading[pairs])))
@@ -198,7 +199,7 @@ def _vectors(az, el):
 
 
 def _rotations(before, after):
-    """Rotations of pairs of directions, shape (t, 2, 3), to others; not of pairs too near."""
+    """Rotations of pairs of directions, shape (t, 2, 3), to others; without pairs too close."""
     frames, separate = [], np.ones(len(before), bool)
     for first, second in ((pair[:, 0], pair[:, 1]) for pair in (before, after)):
         normal = np.cross(first, second)
@@ -210,7 +211,7 @@ def _rotations(before, after):
 
 
 def _separations(turn, place, reading):
-    """Angles between places as rotations (..., 3, 3) turn them and readings, shape (..., n)."""
+    """Angles between places turned by rotations (..., 3, 3) and readings, shape (..., n)."""
     off = place @ np.swapaxes(turn, -1, -2) - reading
     return 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(off, axis=-1), 0.0, 1.0))
 
@@ -226,7 +227,7 @@ class _FrameFit:
 
 
 def _check_frame(run, solved):
-    """Refuse a frame that another fits far better than."""
+    """Raise ValueError if another frame fits far better than the declared or assumed one."""
     frames = [solved.frame, *(f for f in (ICRS, MEAN_OF_DATE, OF_DATE, B1950)
                               if f != solved.frame)]
     where = run.meta.get('source', 'the run')
@@ -271,7 +272,7 @@ def _check_frame(run, solved):
 
 
 def _refuse_others(run, best):
-    """Refuse a clock, a site or columns that fit better than another frame does."""
+    """Raise MistakenColumns if another clock, site or column fits better than another frame."""
     from .diagnosis.mistaken_columns import MistakenColumns, check_columns
     try:
         check_columns(run)
@@ -291,7 +292,7 @@ def _advice(run, fits):
 
 
 def _declaration(run, frame, key='frame'):
-    """How a file says its frame, or that of the readings."""
+    """The line of a file that declares its frame, or that of the readings."""
     return f'"{key}: {frame}"' if run.meta.get('format') == 'images' else f'"# {key}: {frame}"'
 
 
@@ -303,7 +304,7 @@ def _undeclared(run, why):
 
 
 def _fit_of(run, solved, frame, hours=False):
-    """Misfit of the seven terms if the places were of `frame`, or their right ascension hours."""
+    """Fit of the seven terms if the places were of `frame`, or right ascension were in hours."""
     ra = None
     if hours:
         if solved.ra.min() < 0.0 or solved.ra.max() > _HOURS:
@@ -318,7 +319,7 @@ def _fit_of(run, solved, frame, hours=False):
 
 
 def _fits_of_readings(run):
-    """The same if right ascensions of the mount were of another frame."""
+    """Fits of the seven terms if the mount's own coordinates were of another frame."""
     solved = run.meta.get('solved_readings')
     if solved is None:
         return []
@@ -338,12 +339,12 @@ def _fits_of_readings(run):
 
 def _fitted(bare, what, **how):
     try:
-        # near the horizon a place of another frame may lie where refraction has no meaning
+        # in another frame a place near the horizon may be below it, where refraction is undefined
         fitted = fit_terms(bare)
     except ValueError:
         return None
     fitting = np.isfinite(fitted.residual_x) & (fitted.weights > 0.0)
-    if 2 * fitting.sum() <= len(fitted.names):  # exactly, whatever they are
+    if 2 * fitting.sum() <= len(fitted.names):  # any rows would fit exactly
         return None
     noise = [max(float(sigma_of(v[np.isfinite(v)])), _LEAST_NOISE)
              for v in (fitted.residual_x, fitted.residual_y)]
@@ -352,7 +353,7 @@ def _fitted(bare, what, **how):
 
 
 def _note_tilt(run):
-    """A note where the first axis would lean as none does: a clock, a longitude or a frame."""
+    """Add a note if the first axis has an implausible tilt: wrong clock, longitude or frame."""
     try:
         terms = fit_terms(_some(run)).model.terms
     except ValueError:
@@ -369,11 +370,11 @@ def _note_tilt(run):
 # ---------------------------------------------------------------------------------------- sigma
 
 def _with_noise(run):
-    """`sigma_x`, `sigma_y` with the scatter that the solver's own sigma does not contain.
+    """Add to `sigma_x`, `sigma_y` the scatter that the solver's own sigma does not include.
 
-    A solver knows the noise of its star images, not of seeing and mount: of weights by that alone
-    a few sharp images would take the whole fit. So each axis gets a variance beside, the most
-    likely one for what the seven terms leave.
+    A solver knows the noise of its star images, not that of seeing and mount: weighted by its sigma
+    alone, a few sharp images would dominate the fit. So each axis gets an additional variance, by
+    maximum likelihood from the residuals of the seven terms.
     """
     if not run.meta.get('solver_sigma') or 'sigma_x' not in run or 'sigma_y' not in run:
         return run
@@ -400,7 +401,7 @@ def _with_noise(run):
 
 
 def _extra(left, sigma):
-    """Standard deviation that `left` has beside `sigma`, by maximum likelihood."""
+    """Standard deviation of `left` beyond `sigma`, by maximum likelihood."""
     from scipy.optimize import minimize_scalar
 
     def cost(extra):

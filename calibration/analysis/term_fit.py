@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Least-squares fits: the pointing terms, the geometric ones as exact rotations; the harmonics."""
+"""Least-squares fits of pointing terms (geometric ones as exact rotations) and harmonics."""
 
 from dataclasses import replace
 
@@ -37,23 +37,23 @@ from ..rows import UNREACHABLE, mild_sigmas, usable
 from .finding import Finding
 from .fit_result import make_result
 
-#: Directions in the space of the (column-scaled) coefficients whose singular value is below this
-#: part of the largest are not determined by the stars, and left out. Measured for the seven terms:
-#: 30 stars over the sky 1e-2 to 3e-2, a field of 5 degrees 1.2e-4, one of 1 degree 5e-6, the
-#: circle of Polaris 9e-6. So it parts a field, which determines something, from one direction.
+#: Directions of the (column-scaled) coefficients with a singular value below this part of the
+#: largest are not determined by the stars, and dropped. Measured for the seven terms: 30 stars over
+#: the sky 1e-2 to 3e-2, a field of 5 degrees 1.2e-4, one of 1 degree 5e-6, the circle of Polaris
+#: 9e-6. So it separates a field, which determines something, from a single direction.
 RCOND = 1e-5
-#: As `RCOND`, for the harmonics. The functions themselves have 1.8e-4 (200 stars above 20
-#: degrees), 30 stars 0.5e-4 to 1.7e-4: what is below is for want of stars, not of independence.
+#: The same for the harmonics. The functions themselves have 1.8e-4 (200 stars above 20 degrees),
+#: 30 stars 0.5e-4 to 1.7e-4: smaller values are due to few stars, not to dependent functions.
 RCOND_HARMONICS = 1e-4
 
-#: rad: nearer to the axis azimuths go the shorter way round
+#: rad, distance from the axis within which azimuth differences are wrapped to half a turn
 _CLOSE = 0.05
 
 
 def _turning(names, mount):
-    """Place -> name and sign of the rotation of an alt-azimuth mount, of terms that turn the mount.
+    """Index -> name and sign of the equivalent alt-azimuth rotation, for terms that are rotations.
 
-    The zeros of the axes have columns that stay.
+    Without the zeros of the axes, whose columns are constant.
     """
     known = mount.names.terms
     return {i: known[name] for i, name in enumerate(names)
@@ -61,22 +61,22 @@ def _turning(names, mount):
 
 
 class RotationProblem:
-    """What `gauss_newton` iterates: the geometric terms turn the mount, the others are linear.
+    """A problem for `gauss_newton`: geometric terms are exact rotations, the others linear.
 
     Parameters
     ----------
     trig : pointing_terms.Trig
-        Of the catalogue places, n of them.
+        Of the n catalogue places.
     terms : sequence of str
-        The fitted ones; rows beyond them are linear.
+        The fitted terms; further rows of the design are linear.
     turned : dict of str to float
-        Geometric terms that are held, radians; a fitted one is added.
+        Held values of geometric terms, radians; a fitted one is added.
     observed : ndarray, shape (2n,)
         Encoder - catalogue on the sky, x of all rows, then y, radians.
     columns : ndarray, shape (k, 2n)
-        Of the terms; those of the geometric ones are written over.
+        Columns of the terms; those of the geometric ones are overwritten.
     first_order : ndarray, or GroupColumns
-        The same array, or what is on it.
+        The same array, or a GroupColumns that contains it.
     mount : Mount
     """
 
@@ -93,7 +93,7 @@ class RotationProblem:
         self._terms, self._columns = columns, {}
 
     def residual(self, p):
-        """As of `gauss_newton.LinearProblem`."""
+        """See `gauss_newton.LinearProblem`."""
         at = list(self._held)
         for i, (name, sign) in self._places.items():
             at[CANONICAL.index(name)] += sign * float(p[i])
@@ -109,13 +109,13 @@ class RotationProblem:
             if rest.any():
                 residual -= rest @ self.first_order
         close = np.flatnonzero((np.abs(trig.cos_el) < _CLOSE) & (trig.cos_el != 0.0))
-        if len(close):  # by the axis, where azimuths differ by half a turn
+        if len(close):  # near the axis azimuths may differ by half a turn
             cos_el = trig.cos_el[close]
             residual[close] = wrap(residual[close] / cos_el) * cos_el
         return residual
 
     def columns(self):
-        """As of `gauss_newton.LinearProblem`; of the geometric terms where `residual` last was."""
+        """See `gauss_newton.LinearProblem`; geometric ones at the last call of `residual`."""
         n, side = len(self.observed) // 2, self.trig.side
         for i, (name, sign) in self._turning.items():
             row, by = self._terms[i], sign if side is None else sign * side
@@ -127,7 +127,7 @@ def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCO
                     mount=ALTAZ):
     """Linear least-squares fit of first-order terms to on-sky offsets.
 
-    The bare fit, for many stars or many fits; `fit_terms` is the one with everything.
+    A minimal fit, fast for many stars or many fits; `fit_terms` is the complete one.
 
     Parameters
     ----------
@@ -138,12 +138,12 @@ def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCO
     names : sequence of str, length k
         Terms to fit.
     sx, sy : ndarray, shape (n,), optional
-        1-sigma noise of x and y, radians. Without them all rows weigh the same and the
+        1-sigma noise of x and y, radians. Without them all rows have the same weight and the
         covariance is scaled by the measured scatter of each axis.
     rcond : float
-        Relative singular value below which a direction is left out.
+        Relative singular value below which a direction is dropped.
     mount : Mount, optional
-        Whose axes the places are of.
+        Mount whose axes `az` and `el` refer to.
 
     Returns
     -------
@@ -172,17 +172,16 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     Parameters
     ----------
     run : PointingRun
-        The columns ``sigma_x`` and ``sigma_y`` weigh the rows if both are there; else all weigh
-        the same. Where an axis scatters by more than chance beyond its sigmas, these are
-        multiplied by the ratio. Rows with values that are not finite are left out and listed.
+        The columns ``sigma_x`` and ``sigma_y`` weight the rows if both exist; else all have the
+        same weight. If an axis scatters significantly more than its sigmas, these are multiplied
+        by the ratio. Rows with values that are not finite are excluded and listed.
     names : sequence of str, optional
         Terms to fit, of `pointing_terms.terms_of` the run's mount; by default its physical ones.
     held : PointingModel, or dict of str to float, optional
-        What is known already and held fixed: a model with all that it has (terms, harmonics,
-        effects), or values of terms, radians. It is in the model of the result, with the
-        covariance that it came with (none for a dict); how its errors act on the fitted terms
-        is not counted. A term in both is fitted on top: the model has the sum and the
-        covariance of this fit, `FitResult.coefficients` what was added.
+        Held fixed: a complete model (terms, harmonics, effects), or values of terms, radians. It
+        becomes part of the resulting model, with its own covariance (none for a dict); the effect
+        of its errors on the fitted terms is ignored. For a term in both, the model has the sum with
+        the covariance of this fit, and `FitResult.coefficients` the amount added.
     robust : bool
         Downweight rows far from the fit: Huber to find the noise of each axis (median absolute
         residual), then Tukey's bisquare of the radial distance at that noise.
@@ -192,16 +191,16 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     encoder : {'enc', 'abs'}
         The encoder columns to fit.
     zero : PowerOnZero or Zeros
-        To subtract from the encoder's angles.
+        Subtracted from the encoder's angles.
     run_zeros : bool
-        Fit with the terms how far the zero of each run (column ``run``) lies from that of the
-        first, see `FitResult.zeros`.
+        Also fit the zero of each run (column ``run``) relative to that of the first, see
+        `FitResult.zeros`.
     rcond : float
-        Relative singular value below which a direction is left out and reported.
+        Relative singular value below which a direction is dropped and reported.
     provenance : dict, optional
-        Kept in the model beside what the fit itself writes.
+        Entries added to the provenance of the model.
     **solver
-        As of `gauss_newton.gauss_newton`.
+        See `gauss_newton.gauss_newton`.
 
     Returns
     -------
@@ -250,7 +249,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
 
 
 def _with_zeros(columns, run, used, run_zeros):
-    """The design, numbers of the runs, and names: how far the zero of each is from the first's."""
+    """The design with zeros of later runs relative to the first; the runs; names of the zeros."""
     runs = np.unique(run['run'][used.rows]) if run_zeros else np.empty(0)
     names = tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in run.mount.names.index)
     if names:
@@ -259,7 +258,7 @@ def _with_zeros(columns, run, used, run_zeros):
 
 
 def _fitted_zeros(zero, runs, found, first):
-    """Zeros of the runs: the one that was taken off, and what was fitted from `first` on."""
+    """Zeros of the runs: the subtracted one plus the coefficients fitted from index `first` on."""
     out = []
     for place, number in enumerate(runs.tolist()):
         before = zero[number] if isinstance(zero, Zeros) else zero
@@ -272,7 +271,7 @@ def _fitted_zeros(zero, runs, found, first):
 
 
 def _beyond(held, turned, used, run, encoder):
-    """Rows with the encoder angles that a held model leaves, but for its terms `turned`."""
+    """Rows with a held model, without its terms `turned`, subtracted from the encoder angles."""
     known = replace(held, terms={n: v for n, v in held.terms.items() if n not in turned},
                     covariance=None)
     context = Context.from_run(run, encoder) if known.effects else None
@@ -284,7 +283,7 @@ def _beyond(held, turned, used, run, encoder):
 
 
 def _on_top(held, terms, p, covariance):
-    """The held model with the fitted terms."""
+    """The held model with the fitted terms added."""
     k = len(terms)
     rest = {name: getattr(held, name) for name in ('harmonics', 'geometry', 'effects', 'mount')}
     if not held.terms:
@@ -304,41 +303,42 @@ def _on_top(held, terms, p, covariance):
 def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, after=None,
                   zero=NO_ZERO, run_zeros=False, encoder='enc', robust=True,
                   rcond=RCOND_HARMONICS):
-    """Fit the 13 spherical harmonics an axis of paper 000 (eq. 6-8).
+    """Fit the 13 spherical harmonics per axis of paper 000 (eq. 6-8).
 
-    Least squares of the error on the sky in both interpretations, so that their residuals
-    compare; f_A = delta-A sin E of the printed one is weighted accordingly.
+    Both interpretations are fitted by least squares of the error on the sky, so that their
+    residuals can be compared; f_A = delta-A sin E of the printed one is weighted accordingly.
 
     Parameters
     ----------
     run : PointingRun
     interpretation : {'zenith', 'printed'}
-        What the paper's E means (see `pointing_model.harmonics`).
+        Meaning of the paper's E (see `pointing_model.harmonics`).
     degree : int
-        The series ends there, with 4, 7, 10 or 13 coefficients an axis.
+        Degree of the series, with 4, 7, 10 or 13 coefficients per axis.
     held : PointingModel, optional
-        Fit what this model leaves (physical terms first); the result has its terms and effects.
+        Fit the residuals of this model (physical terms first); the result has its terms and
+        effects.
     after : FitResult, optional
-        Fit what this fit of terms to the same rows leaves, in place of `held`. What its
-        coefficients have taken is no uncertainty of these: the covariance is without it, and
-        what the model says of its prediction is that of both together.
+        Instead of `held`: fit the residuals of this fit of terms to the same rows. The covariance
+        then excludes the part of the noise that the terms have absorbed, so that the prediction
+        error of the model is that of terms and harmonics together.
     zero : PowerOnZero or Zeros
-        To subtract from the encoder's angles.
+        Subtracted from the encoder's angles.
     run_zeros : bool
-        As of `fit_terms`.
+        See `fit_terms`.
     encoder : {'enc', 'abs'}
         The encoder columns to fit.
     robust : bool
-        As of `fit_terms`.
+        See `fit_terms`.
     rcond : float
-        Relative singular value below which a direction is left out and reported: with few stars
+        Relative singular value below which a direction is dropped and reported: with few stars
         the series is ill-conditioned.
 
     Returns
     -------
     FitResult
-        ``names`` begin with A0..A12, B0..B12, or as many as the degree has; ``model`` has what
-        `held` has, and the harmonics.
+        ``names`` begin with A0..A12, B0..B12, or as many as the degree has; ``model`` is `held`
+        with the harmonics added.
 
     Raises
     ------
@@ -390,10 +390,10 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
 
 
 def _without_taken(covariance, rows, weights, rcond, after, run, used):
-    """Covariance of harmonics of what an earlier fit to the same rows has left.
+    """Covariance of harmonics fitted to the residuals of an earlier fit to the same rows.
 
-    Residuals of that fit have no part along its columns T: of (H+ H+') sigma^2 the part
-    H+ T cov(p_T) (H+ T)' is missing, and the harmonics are independent of its coefficients.
+    These residuals are orthogonal to the columns T of that fit: H+ T cov(p_T) (H+ T)' is subtracted
+    from (H+ H+') sigma^2, and the harmonics are independent of its coefficients.
     """
     terms = tuple(name for name in after.names if '[' not in name)
     taken = stacked_design(terms, used.az, used.el, run.mount)
@@ -403,19 +403,19 @@ def _without_taken(covariance, rows, weights, rcond, after, run, used):
     inverse = weighted_solve(rows, rows[0], weights, rcond).inverse
     onto = (inverse @ (rows * weights) @ taken.T)[:len(covariance)]
     left = covariance - onto @ after.covariance @ onto.T
-    # both noises are measured: along what was taken nothing is left, but for their difference
+    # both noises are estimated, so their difference may leave negative eigenvalues along T
     values, vectors = np.linalg.eigh(0.5 * (left + left.T))
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 
 def rotation_start(obs, terms):
-    """Start of the exact rotations, and the offsets that they leave.
+    """Starting values of the exact rotations, and their residuals.
 
     Parameters
     ----------
     obs : Observations
     terms : sequence of str
-        Of the declared model.
+        Terms of the declared model.
 
     Returns
     -------
@@ -433,7 +433,7 @@ def rotation_start(obs, terms):
     try:
         fit = _rotations(obs, geometric)
     except ValueError:
-        # directions that do not determine the rotations: from the indices alone
+        # the directions do not determine the rotations: start from the index terms alone
         obs.notes.append(Finding('undetermined base'))
         geometric = tuple(t for t in names.index if t in geometric)
         if not geometric:
@@ -445,7 +445,7 @@ def rotation_start(obs, terms):
 
 
 def _rotations(obs, terms):
-    """`Estimate` of geometric terms alone, by exact rotations."""
+    """`Estimate` of geometric terms alone, as exact rotations."""
     context, mount = obs.context, obs.context.mount
     trig = Trig(context.az, context.el, mount)
     columns = stacked_design(terms, context.az, context.el, mount, trig)
@@ -457,7 +457,7 @@ def _rotations(obs, terms):
 
 
 def after_rotation(obs, start):
-    """Offsets beyond the exact rotations, shape (2n,), and where the mount can look."""
+    """Offsets less the exact rotations, shape (2n,), and mask of rows that the mount can reach."""
     x, y = geometry.offsets(obs.context.az, obs.context.el, start, obs.context.mount)
     feasible = np.isfinite(x) & np.isfinite(y)
     left = obs.observed - np.nan_to_num(np.hstack((x, y)))
