@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a mount may be told: limits, and the check of a commanded track before it is sent."""
+"""Safety of a mount: limits, and the check of a commanded track before it is sent."""

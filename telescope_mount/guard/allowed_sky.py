@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where a guard lets the tube look: told by it in words, and known where stars are chosen."""
+"""Where a guard lets the tube point: published in its status, and used to choose stars."""
 
 from typing import NamedTuple
 
@@ -25,24 +25,24 @@ from pointing_model.sky.skyline import Horizon, parse_horizon
 from ..guard.limits import parse_pair
 from ..guard.sky_limits import SKY_LIMITS, SkyCircles
 
-#: a star keeps so far from horizon and ends of travel, and from limits in the sky, which move while
-#: it is gone to, rad: readings are beside places of the sky by zero, model and refraction, and the
-#: guard looks at tracks in boxes
+#: margin of a star to the horizon and the ends of travel, and to limits in the sky, which move
+#: during the slew, rad: readings differ from places of the sky by zero, model and refraction, and
+#: the guard checks tracks in boxes
 NEAR, NEAR_LIMIT = 1.5 * DEG, 2.0 * DEG
 #: rows of `guard/status`
 LEAST, HORIZON = 'least_elevation_deg', 'horizon'
 TRAVEL = 'first_travel_deg', 'second_travel_deg'
-#: that a track may ask for, of both axes
+#: largest rates and accelerations of a track, for both axes
 RATES, ACCELERATIONS = 'track_rates_deg_s', 'track_accelerations_deg_s2'
-#: without which nobody knows where a limit in the sky is
+#: the site, needed to compute limits in the sky
 PLACE = 'latitude_deg', 'longitude_deg'
-#: sites that differ by less are one, deg
+#: sites that differ by less are equal, deg
 SAME_SITE = 0.01
 _TURN = 2.0 * np.pi
 
 
 def rows_of(limits):
-    """What of a guard's limits a chooser of stars must know: rows of `guard/status`.
+    """The guard's limits for the choice of stars: rows of `guard/status`.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def rows_of(limits):
     Returns
     -------
     dict of str to str
-        Degrees; the corners of the skyline as its parameter has them.
+        Degrees; the corners of the skyline as in its parameter.
     """
     corners = ', '.join(f'{az / DEG:.10g} {el / DEG:.10g}' for az, el in limits.horizon.points)
     travel = {name: f'{axis.low / DEG:.10g},{axis.high / DEG:.10g}'
@@ -66,7 +66,7 @@ def rows_of(limits):
 
 
 def differ(one, other):
-    """Whether two sites, each latitude and longitude in degrees, are not the same."""
+    """Whether two sites, each latitude and longitude in degrees, are different."""
     return max(abs(one[0] - other[0]), abs(wrap((one[1] - other[1]) * DEG)) / DEG) >= SAME_SITE
 
 
@@ -87,11 +87,11 @@ class AllowedSky(NamedTuple):
     horizon : Horizon
     circles : SkyCircles
     travel : tuple of (float, float)
-        Ends of both axes, rad; empty where an older guard does not report it.
+        Ends of both axes, rad; empty for an older guard, which does not report them.
     motion : tuple of (float, float)
-        Rates (rad/s) and accelerations (rad/s^2) that a track may ask of both axes; the same.
+        Largest rates (rad/s) and accelerations (rad/s^2) of a track for both axes; likewise.
     elsewhere : str
-        Why that may be another sky: the guard goes by another site; '' where it does not.
+        Why this may be a different sky: the guard uses another site; '' if it does not.
     """
 
     horizon: Horizon
@@ -102,7 +102,7 @@ class AllowedSky(NamedTuple):
 
     @classmethod
     def from_rows(cls, rows, site):
-        """From the rows of a status; None where it does not report it. ValueError for bad ones."""
+        """From the rows of a status; None if missing. ValueError for invalid rows."""
         if not {LEAST, HORIZON} <= rows.keys():
             return None
         kept = [(limit, float(rows.get(limit.parameter, 0.0)) * DEG) for limit in SKY_LIMITS]
@@ -114,7 +114,7 @@ class AllowedSky(NamedTuple):
                          for name in (RATES, ACCELERATIONS) if name in rows))
 
     def __call__(self, time, az, el):
-        """Whether places of the horizon system are allowed.
+        """Whether places on the horizon are allowed.
 
         Parameters
         ----------
@@ -135,12 +135,12 @@ class AllowedSky(NamedTuple):
         return out
 
     def within(self, first, second):
-        """Whether the travel of the axes has such angles, on whatever turn.
+        """Whether the travel of the axes includes some angles, on any turn.
 
         Parameters
         ----------
         first, second : ndarray, shape (n,)
-            Of the axes, rad.
+            Axis angles, rad.
 
         Returns
         -------

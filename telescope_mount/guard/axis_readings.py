@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Readings of the axes' encoders, and which of them cannot be."""
+"""Readings of the axis encoders, with detection of impossible ones."""
 
 import math
 
@@ -23,26 +23,26 @@ from msg_tools.units import DEG, wrap
 from .limits import BEYOND
 from .motion import AxisState
 
-#: faster than an axis can be by this factor, and farther than this (rad), is a jump
+#: a step faster than the axis' rate by this factor, and larger than this (rad), is a jump
 FASTER, FARTHER = 1.5, 2.0 * DEG
-#: so many readings of a place that was jumped to are believed
+#: number of readings at the new place after which a jump is accepted
 BELIEVED = 5
 _TURN = 2.0 * math.pi
 
 
 class AxisReadings:
-    """Where the axes are.
+    """Position of the axes.
 
     Parameters
     ----------
     limits : limits.Limits
     wall : callable
-        Seconds of a steady clock.
+        Seconds of a monotonic clock.
 
     Attributes
     ----------
     here, rate : ndarray, shape (2,), or None
-        rad and rad/s, the turns of the first axis counted; None where it is not known.
+        rad and rad/s, with the turns of the first axis counted; None if unknown.
     stamp : int
         ns.
     """
@@ -51,26 +51,26 @@ class AxisReadings:
         self._limits, self._wall = limits, wall
         self.here = self.rate = None
         self.stamp, self._jumped, self._odd = 0, None, 0
-        self._first = self._raw = 0.0  # of the first axis, as read: at first, and last, rad
-        self._moved = False  # since then: it counts turns from where it was
+        self._first = self._raw = 0.0  # raw first axis: initial and last, rad
+        self._moved = False  # since then, so turns are counted
         self._last_take = self._period = None
 
     def take(self, stamp, angles, rates):
-        """A reading, rad and rad/s (NaN: not told); ValueError for one that cannot be.
+        """Add a reading, rad and rad/s (NaN: unknown); ValueError for an impossible one.
 
         Returns
         -------
         bool
-            Whether it is believed now that the axes are elsewhere than their readings led.
+            Whether a jump to another place is now accepted.
         """
         now = self._wall()
         if self._last_take is not None and now > self._last_take:
             passed = now - self._last_take
-            # bursts and single gaps are not its period
+            # bursts and single gaps do not define its period
             self._period = passed if self._period is None else (
                 self._period + 0.1 * (min(passed, 2.0 * self._period) - self._period))
         self._last_take = now
-        # two numbers a thousand times a second: floats cost a third of arrays
+        # two numbers a thousand times per second: floats take a third of the time of arrays
         angles = [float(angle) for angle in angles]
         if not all(map(math.isfinite, angles)):
             self.here = self.rate = self._jumped = None
@@ -86,7 +86,7 @@ class AxisReadings:
             return False  # out of order
         before = self.here.tolist()
         step = [angle - here for angle, here in zip(angles, before)]
-        # others stay on their turn, however far they went
+        # other axes stay on their turn, however far they went
         if self._limits.mount.vertical and not self._other_turn(angles[0]):
             step[0] = wrap(step[0])
         beyond = [abs(one) - FARTHER - FASTER * seconds * axis.rate
@@ -109,13 +109,13 @@ class AxisReadings:
 
     @property
     def state(self):
-        """`AxisState` as read; an axis whose rate is not known rests."""
+        """`AxisState` from the readings; an unknown rate counts as rest."""
         return AxisState(tuple(map(float, self.here)), tuple(
             float(v) if math.isfinite(v) else 0.0 for v in self.rate))
 
     @property
     def doubtful(self):
-        """Whether the last reading contradicts `here`, and is not believed yet."""
+        """Whether the last reading contradicts `here` and is not accepted yet."""
         return self._jumped is not None
 
     def at_rest(self, still):
@@ -123,20 +123,20 @@ class AxisReadings:
         return self.here is not None and bool(np.all(np.abs(self.rate) < still))
 
     def rest_at(self, place, near, still):
-        """Whether they do, and both axes are nearer than `near`, rad, to a pair of angles."""
+        """Whether both axes are at rest and closer than `near`, rad, to a pair of angles."""
         return self.at_rest(still) and all(abs(a - b) < near for a, b in zip(self.here, place))
 
     def _again(self, angles):
-        """Whether readings keep to where one jumped to."""
+        """Whether readings stay at the place of a jump."""
         near = self._jumped is not None and np.all(np.abs(angles - self._jumped) < FARTHER)
         self._odd = self._odd + 1 if near else 1
         self._jumped = angles
         return self._odd >= BELIEVED
 
     def _other_turn(self, angle):
-        """Whether a first axis that has not moved yet is read whole turns from where it was.
+        """Whether a first axis that has not moved yet is read whole turns away.
 
-        Encoders of one turn begin anew at 0 or at 180 degrees.
+        Single-turn encoders wrap at 0 or at 180 degrees.
         """
         low, high = min(angle, self._raw), max(angle, self._raw)
         return not self._moved and high - low > math.pi and not (
@@ -147,7 +147,7 @@ class AxisReadings:
             low, high = axis.low - BEYOND, axis.high + BEYOND
             if low <= angle <= high:
                 continue
-            # an azimuth may be read within one turn, whatever turn it is on
+            # an azimuth may be read within one turn, on any turn
             turned = wrap(angle)
             if i or not self._limits.mount.vertical or abs(angle) > _TURN or not (
                     low <= turned <= high or low <= turned + _TURN <= high):
@@ -162,5 +162,5 @@ class AxisReadings:
 
     @property
     def period(self):
-        """Between two readings, s; 0 before the second."""
+        """Mean interval between readings, s; 0 before the second."""
         return self._period or 0.0

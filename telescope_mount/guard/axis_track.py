@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A track that the axes are asked to follow, its peaks, and boxes of its angles."""
+"""A requested track of the axes, with its peaks, and boxes of its angles."""
 
 import copy
 import math
@@ -26,15 +26,15 @@ from msg_tools.units import DEG
 from ..observing.axis_demand import Track
 from .boxes import Boxes, points
 
-#: a track is cut into pieces about so large, rad
+#: approximate size of the pieces into which a track is cut, rad
 STEP = 2.0 * DEG
-#: and so that it leaves the straight line between cuts by less, rad
+#: largest deviation of the track from the straight lines between cuts, rad
 BENT = 0.02 * DEG
-_largest, _smallest = np.maximum.reduce, np.minimum.reduce  # begin sooner than arrays' methods
+_largest, _smallest = np.maximum.reduce, np.minimum.reduce  # less overhead than array methods
 
 
 class Cubic:
-    """A track: cubic Hermite between its knots.
+    """A track: cubic Hermite interpolation between its knots.
 
     Parameters
     ----------
@@ -46,13 +46,13 @@ class Cubic:
     Attributes
     ----------
     peak_acceleration, peak_rate : list of float
-        The largest of each axis, rad/s^2 and rad/s.
+        Peak values of each axis, rad/s^2 and rad/s.
     most_rate : list of float
-        No less than `peak_rate`, and had sooner.
+        Upper bound of `peak_rate`, faster to compute.
     low, high : list of float
-        Ends of the angles of each axis, rad.
+        Lowest and highest angle of each axis, rad.
     hull : tuple of list of float
-        No narrower than `low` and `high`, and had sooner.
+        Bounds of `low` and `high`, faster to compute.
     """
 
     def __init__(self, times, angles, rates):
@@ -60,15 +60,15 @@ class Cubic:
 
     @cached_property
     def knots(self):
-        """Times (s), and of each axis angles and rates (rad, rad/s), as lists: soon had."""
+        """Times (s), and angles and rates of each axis (rad, rad/s), as lists for fast access."""
         return self.times.tolist(), self.angles.T.tolist(), self.rates.T.tolist()
 
     @cached_property
     def _pieces(self):
-        """Of each axis its angles, its rates, and the pieces between two knots.
+        """For each axis its angles, its rates, and the pieces between two knots.
 
-        Of a piece its length (s), and the angles and rates at both ends. Of a dozen knots lists
-        are had in half the time of arrays, of thirty in the same.
+        A piece has its length (s), and angles and rates at both ends. For a dozen knots lists take
+        half the time of arrays, for thirty the same.
         """
         times, angles, rates = self.knots
         steps = [b - a for a, b in zip(times, times[1:])]
@@ -81,11 +81,11 @@ class Cubic:
         for places, speeds, pieces in self._pieces:
             low, high, fast, bent = min(places), max(places), max(max(speeds), -min(speeds)), 0.0
             for h, p0, p1, v0, v1 in pieces:
-                # a polynomial lies between its Bezier numbers: of a rate v0, middle, v1
+                # a polynomial lies within its Bezier coefficients: of a rate v0, middle, v1
                 middle = 3.0 * (p1 - p0) / h - v0 - v1
                 first, last, third = abs(middle - v0) / h, abs(v1 - middle) / h, h / 3.0
                 a, b, middle = p0 + third * v0, p1 - third * v1, abs(middle)
-                # not min and max: they take most of the time
+                # not min and max, which would take most of the time
                 if first > bent:
                     bent = first
                 if last > bent:
@@ -112,7 +112,7 @@ class Cubic:
 
     @cached_property
     def _between(self):
-        """Of each axis the rates where they turn round between two knots, else that of one."""
+        """For each axis the extreme rates between two knots, or the rate of one of them."""
         out = []
         for _, _, pieces in self._pieces:
             out.append(turns := [])
@@ -125,13 +125,13 @@ class Cubic:
 
     @cached_property
     def peak_rate(self):
-        """See above."""
+        """See the class."""
         return [max(map(abs, speeds + turns)) for speeds, turns in zip(
             self.knots[2], self._between)]
 
     @cached_property
     def _fine(self):
-        """Times and angles of cuts, and by how much the track leaves the lines between them."""
+        """Times and angles of cuts, and the largest deviation of the track from their chords."""
         times, angles = self.times, self.angles
         if len(times) == 1:
             return times, angles, np.zeros(2)
@@ -164,7 +164,7 @@ class Cubic:
                 a, b = p0 + third * v0, p1 - third * v1
                 if low <= a <= high and low <= b <= high:
                     continue
-                # where its rate is 0: v0 + 2 first s + bend s^2
+                # where its rate is 0: v0 + 2 first s + bend s^2 = 0
                 first = 3.0 * step / h - 2.0 * v0 - v1
                 bend = v1 - v0 - 2.0 * first
                 root = first * first - v0 * bend
@@ -184,7 +184,7 @@ class Cubic:
     high = property(lambda self: self._ends[1])
 
     def turned(self, first, second=0):
-        """The same, with whole turns added to the axes."""
+        """The same track with whole turns added to the axes."""
         turns = first * 2.0 * math.pi, second * 2.0 * math.pi
         out = copy.copy(self)
         for name in ('knots', '_pieces', '_fine', '_ends'):
@@ -195,7 +195,7 @@ class Cubic:
         return out
 
     def at(self, t, axis):
-        """Angle and rate of one axis at `t`, floats; the end stands for what is after it."""
+        """Angle and rate of one axis at `t`, floats; constant after the end."""
         times, angles, rates = self.knots
         angles, rates = angles[axis], rates[axis]
         t = min(max(t, times[0]), times[-1])
@@ -213,11 +213,11 @@ class Cubic:
                 + s * (3.0 * s - 2.0) * v1)
 
     def near(self, t, axis):
-        """Angles of one axis at times `t` (n,), to within `BENT`."""
+        """Angles of one axis at times `t` (n,), accurate to `BENT`."""
         return np.interp(t, self._fine[0], self._fine[1][:, axis])
 
     def reached(self, t, axis):
-        """Of one axis the outermost angles of it until times `t` (n,): low and high, (n,)."""
+        """Extreme angles of one axis until times `t` (n,): low and high, (n,)."""
         times, places, _ = self._fine
         until = np.searchsorted(times, t, 'right')
         until = np.clip(until, 1, len(times) - 1) if len(times) > 1 else 0 * until
@@ -225,9 +225,9 @@ class Cubic:
                 np.maximum.accumulate(places[:, axis])[until])
 
     def change(self, begin, end, axis):
-        """By how much the rate of one axis changes at most from `begin` to `end`, rad/s.
+        """Upper bound of the change of one axis' rate from `begin` to `end`, rad/s.
 
-        At the end of the track it stands still.
+        It includes rest after the end of the track.
         """
         times = self.knots[0]
         first = max(bisect_right(times, begin) - 1, 0)
@@ -239,33 +239,33 @@ class Cubic:
         return high - low
 
     def brakes(self, slow):
-        """How far each axis goes on at most when it is stopped on the track, rad, floats.
+        """Largest braking distance of each axis if it is stopped on the track, rad, floats.
 
         Parameters
         ----------
         slow : tuple of float
-            Accelerations with which the axes brake, rad/s^2.
+            Braking accelerations of the axes, rad/s^2.
         """
         return [v * v / (2.0 * a) for v, a in zip(self.peak_rate, slow)]
 
     def surely_within(self, slow):
-        """Ends of each axis of all of it, stopped on it or not: low, high of both, rad.
+        """Bounds of each axis on the track, even if stopped on it: low, high for both, rad.
 
         Parameters
         ----------
         slow : tuple of float
-            As of `brakes`.
+            See `brakes`.
         """
         return [(low - v * v / (2.0 * a), high + v * v / (2.0 * a))
                 for low, high, v, a in zip(*self.hull, self.most_rate, slow)]
 
     def boxes(self, slow=None):
-        """`Boxes` of all of it, and of where the axes come to rest if they are stopped on it.
+        """`Boxes` of the whole track, and of where the axes come to rest if stopped on it.
 
         Parameters
         ----------
         slow : tuple of float, optional
-            As of `brakes`; without, they are not stopped.
+            See `brakes`; by default without stops.
         """
         times, angles, bent = self._fine
         if len(times) == 1:
@@ -283,18 +283,18 @@ class Cubic:
 
 
 def resting(place):
-    """A `Cubic` that rests at a pair of angles, rad."""
+    """A `Cubic` at rest at a pair of angles, rad."""
     return Cubic(np.zeros(1), np.array([place], float), np.zeros((1, 2)))
 
 
 #: shortest braking, s
 SOONEST = 0.1
-#: no axis has such a rate, rad/s
+#: larger rates are impossible for an axis, rad/s
 NO_RATE = 1e3
 
 
 def braked(times, angles, rates, axes):
-    """A track with each axis braked at its end, in its own time: none goes farther than it must.
+    """A track with each axis braked at its end in its own time, so none goes farther than needed.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def braked(times, angles, rates, axes):
     Returns
     -------
     times, angles, rates : ndarray
-        One or two knots more.
+        With one or two more knots.
     """
     angle, rate = angles[-1], rates[-1]
     own = np.array([max(SOONEST, abs(v) / axis.acceleration)
@@ -322,13 +322,13 @@ def braked(times, angles, rates, axes):
 
 
 def ended(track, slow):
-    """A `Track` that ends at rest: with a knot more, where its last one has a rate.
+    """A `Track` that ends at rest: with another knot if the last one has a rate.
 
     Parameters
     ----------
     track : Track
     slow : sequence of float
-        Accelerations with which the axes brake, rad/s^2.
+        Braking accelerations of the axes, rad/s^2.
 
     Returns
     -------
@@ -336,7 +336,7 @@ def ended(track, slow):
     """
     rate = track.rates[-1]
     if not (np.abs(track.rates).max() < NO_RATE and rate.any()):
-        return track  # one that is no number too: it will be refused
+        return track  # also with NaN: it will be refused
     brake = max(SOONEST, *(abs(v) / most for v, most in zip(rate.tolist(), slow)))
     return Track(track.start, np.append(track.times, track.times[-1] + brake),
                  np.vstack([track.angles, track.angles[-1] + 0.5 * brake * rate]),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Boxes of pairs of axis angles, and how near a direction comes to them."""
+"""Boxes of pairs of axis angles, and their distance to a direction."""
 
 import math
 from typing import NamedTuple
@@ -23,16 +23,16 @@ _TURN = 2.0 * math.pi
 
 
 class Boxes(NamedTuple):
-    """Pairs of angles.
+    """Ranges of pairs of angles.
 
     Attributes
     ----------
     low, high : ndarray, shape (2, n)
         rad.
     time : ndarray, shape (n,)
-        Of the middle of each, seconds after the begin of the track.
+        Time of the middle of each, seconds after the start of the track.
     pad : ndarray, shape (2, 1), or float
-        By how much they are larger than the ends of the axes' ways in them, rad.
+        Margin added to the axes' ranges in them, rad.
     """
 
     low: np.ndarray
@@ -41,12 +41,12 @@ class Boxes(NamedTuple):
     pad: object = 0.0
 
     def of(self, which):
-        """Some of them: a bool or a number for each."""
+        """Subset of the boxes, by a mask or indices."""
         return Boxes(self.low[:, which], self.high[:, which], self.time[which], self.pad)
 
 
 def points(places, time):
-    """`Boxes` of no size.
+    """`Boxes` of zero size.
 
     Parameters
     ----------
@@ -59,15 +59,15 @@ def points(places, time):
 
 
 def arc(function, value):
-    """An arc function of a value that may be beyond its range by a rounding."""
+    """An arc function of a value that may exceed its range by rounding."""
     return function(np.minimum(np.maximum(value, -1.0), 1.0))
 
 
 def most_cosine(toward, boxes):
-    """The largest cosine of the angle between a direction and those of a box, shape (n,).
+    """Largest cosine of the angle between a direction and the directions in a box, shape (n,).
 
-    Of ``z sin b + h cos b cos(a - a0)`` the largest is at an end of the range of cos(a - a0), and
-    there it is a cosine of b again.
+    ``z sin b + h cos b cos(a - a0)`` is largest at an end of the range of cos(a - a0), where it is
+    again a cosine of b.
     """
     x, y, z = toward
     h = np.hypot(x, y)
@@ -85,7 +85,7 @@ def most_cosine(toward, boxes):
 
 
 def largest_cosine(toward, first, second):
-    """As `most_cosine`, of one box: ends of both axes as pairs of floats."""
+    """The same as `most_cosine` for one box: ends of both axes as pairs of floats."""
     x, y, z = map(float, toward)
     h, zero = math.hypot(x, y), math.atan2(x, y)
     low, high = first[0] - zero, first[1] - zero
@@ -106,12 +106,12 @@ def _holds(low, high, angle):
 
 
 def _passes(low, high, angle):
-    """Whether ranges hold an angle, on some turn."""
+    """Whether ranges contain an angle, on any turn."""
     return np.floor((high - angle) / _TURN) >= np.ceil((low - angle) / _TURN)
 
 
 def quartered(boxes, which):
-    """Some of boxes, each cut into four."""
+    """Subset of boxes, each cut into four."""
     low, high, time = boxes.of(which)[:3]
     middle = 0.5 * (low + high)
     lows, highs = [], []

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A way around what the straight slew would pass: points to come to one after the other."""
+"""A detour around what the straight slew would pass: points to visit one after the other."""
 
 import math
 from functools import lru_cache
@@ -29,29 +29,29 @@ from .limits import EDGE
 from .motion import plan_move
 from .track_check import Allowed
 
-#: between points of the grids on which a way is looked for, one after the other, rad
+#: spacing of the grids used to search for a way, tried in this order, rad
 GRIDS = (5.0 * DEG, 1.5 * DEG)
-#: an axis goes so far beyond both ends at most where its travel has no end, rad
+#: distance searched beyond both ends if the travel has no end there, rad
 REACH = 2.0 * math.pi
-#: a way is looked for that is clear of what moves in the sky for so long, s; for longer where it
-#: takes longer, so many times
+#: the way must stay clear of moving limits in the sky for this time, s; if it takes longer, the
+#: search is repeated for a longer time, up to this many times
 WINDOW, TRIES = 480.0, 4
-#: at a point in between the mount comes to rest within so much more, s
+#: extra time at an intermediate point until the mount is at rest, s
 SETTLED = 2.0
 
 
 def lead(check, cubic, state, circles=()):
-    """A way to a track whose straight slew is refused: on its turn, else on another one.
+    """A way to a track whose straight slew is refused: on its turn, else on another turn.
 
     Parameters
     ----------
     check, cubic, state, circles
-        As of `around`.
+        See `around`.
 
     Returns
     -------
     (list of (float, float), axis_track.Cubic) or None
-        Points as of `around`, none where the straight slew is allowed; the track on its turn.
+        Points as in `around`, none if the straight slew is allowed; the track on its turn.
     """
     for track in (cubic, *check.other_turns(cubic, state)):
         if _ok(check.onto(track, state.angles, circles)):
@@ -65,34 +65,34 @@ def lead(check, cubic, state, circles=()):
 def around(check, cubic, state, circles=()):
     """Points that lead to a track whose straight slew is refused.
 
-    Between points of a grid the axes go one at a time, so that nothing depends on their timing;
-    then points are left out wherever the check allows the straight slew.
+    Between grid points only one axis moves, so the result does not depend on timing; then points
+    are dropped wherever the check allows the straight slew.
 
     Parameters
     ----------
     check : track_check.TrackCheck
     cubic : axis_track.Cubic
-        The track, on the turn that the mount takes.
+        The track, on the turn that the mount uses.
     state : motion.AxisState
-        At rest.
+        Axis state, at rest.
     circles
-        As of `TrackCheck.check`.
+        See `TrackCheck.check`.
 
     Returns
     -------
     list of (float, float) or None
-        Angles, rad, without those of the track; None where no way was found.
+        Angles, rad, without those of the track; None if no way was found.
     """
     seconds, begin = WINDOW if circles else math.inf, tuple(map(float, state.angles))
 
     def leaves(place, there):
-        """Whether a way begins elsewhere or may be gone, too: from within a circle it is held
-        against staying, and for that the circle is where it is now.
+        """Whether a move is allowed or does not begin at `begin`: from within a circle the move
+        is compared with staying, which needs the circle at its present place.
         """
         return place != begin or not circles or _ok(check.way(place, there, circles, True))
 
     for _ in range(TRIES):
-        # where they are in the middle of it, and so much wider
+        # circles in the middle of this time, enlarged by their motion
         then = [circle.later(0.5 * seconds, 0.5 * seconds * TURN_RATE) for circle in circles]
         vias, clean = _free_of_all(check, cubic, state, then, leaves)
         if not clean:
@@ -105,7 +105,7 @@ def around(check, cubic, state, circles=()):
 
 
 def _free_of_all(check, cubic, state, circles, leaves):
-    """The points of `around` for circles that stay; whether the track is clear of them too."""
+    """The points of `around` for fixed circles; whether the track is clear of these, too."""
     own = check.sky.in_axes(circles, state)
     for step in GRIDS:
         path = _path(check, cubic, state, own, step, circles, leaves)
@@ -117,10 +117,10 @@ def _free_of_all(check, cubic, state, circles, leaves):
 
 
 def _lead_time(check, here, vias):
-    """Seconds until the axes have passed all points at the latest."""
+    """Latest time at which the axes have passed all points, s."""
     timing = check.limits.timing
     if not timing:
-        return 0.0  # as long as they like: each leg is checked once more when it begins
+        return 0.0  # unknown: each leg is checked again when it begins
     seconds = 0.0
     for via in vias:
         cubic = resting(via)
@@ -132,13 +132,13 @@ def _lead_time(check, here, vias):
 
 
 class _Grid:
-    """Points within the travel, and which steps between them are free of the horizon.
+    """Points within the travel, and the steps between them that are free of the horizon.
 
     Parameters
     ----------
     check : TrackCheck
     ends : tuple of (int, int)
-        Of each axis, in steps.
+        Range of each axis, in steps.
     step : float
         rad.
     """
@@ -169,23 +169,23 @@ class _Grid:
         self.place = ALTAZ.direction(*middle)
 
     def graph(self, check, circles, step):
-        """Sparse matrix of the seconds of each step that is free of the circles too."""
+        """Sparse matrix with the duration (s) of each step that is also free of the circles."""
         free = np.ones(len(self.row), bool)
         for circle in circles:
             near = np.flatnonzero(circle.toward @ self.place
                                   > np.cos(min(circle.distance + step, np.pi)))
             free[near] &= check.sky.free(self.boxes.of(near), (circle,))
-        from scipy.sparse import coo_matrix  # few nights need a way around
+        from scipy.sparse import coo_matrix  # few nights need a detour
         return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
                           shape=(self.size, self.size)).tocsr()
 
     def node(self, k):
-        """Angles of a point."""
+        """Angles of a grid point."""
         i, j = divmod(int(k), self.shape[1])
         return float(self.nodes[0][i]), float(self.nodes[1][j])
 
     def beside(self, place):
-        """Points about a place, the nearer ones first."""
+        """Grid points around a place, the closest first."""
         near = [np.argsort(np.abs(points - at))[:4] for points, at in zip(self.nodes, place)]
         return [int(near[0][i] * self.shape[1] + near[1][j]) for _, i, j in sorted(
             (i + j, i, j) for i in range(len(near[0])) for j in range(len(near[1])))]
@@ -197,7 +197,7 @@ def _grid(check, ends, step):
 
 
 def _path(check, cubic, state, own, step, circles, leaves):
-    """Points of a grid from the begin to one from which the track is reached; None without."""
+    """Grid points from the start to one from which the track can be reached; None if none."""
     from scipy.sparse.csgraph import connected_components, dijkstra
 
     here, there = state.angles, cubic.angles[0].tolist()
@@ -233,14 +233,14 @@ def _path(check, cubic, state, own, step, circles, leaves):
 
 
 def _shortened(check, here, path, cubic, circles, leaves):
-    """Fewer points of a path: each time the last that is reached straight."""
+    """Fewer points of a path: always go on to the last one that can be reached straight."""
     vias, at, place = [], -1, here
     while at < len(path) - 1:
         if vias and _ok(check.onto(cubic, place, circles, True)):
             break
         near, far, at = at + 1, len(path), at + 1
         last = len(path) - 1
-        while near < last:  # by halves: what is reached straight mostly goes on so
+        while near < last:  # bisection: reachable points are mostly contiguous
             if _ok(check.way(place, path[last], circles, True)) and (
                     leaves(place, path[last])):
                 at = near = last

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A supervisor of drivers that are sent a place and slew to it as they like.
+"""A supervisor for drivers that are sent to a place and slew to it in their own way.
 
-What such a driver does on the way is its own. So it is sent the track alone, as far as it may be
-followed, and told again while all is well; that its axes keep to what was checked, all that lies
-between where they were and the track, is seen in their readings.
+The way of such a driver is unknown. So it is sent only the track, as far as it may be followed, and
+again while all is well. Its readings show whether the axes stay in the checked range, which is
+everything between their former place and the track.
 """
 
 import math
@@ -31,26 +31,25 @@ from .sent_course import Course
 from .supervisor import Supervisor
 from .watchdog import off_way
 
-#: longest leg of an axis, rad: where half a turn is near, a driver may take the other way round
+#: longest leg of an axis, rad: near half a turn a driver may go the other way round
 LONGEST = 150.0 * DEG
-#: points to pass keep so far from the pole of a polar mount, rad: there a place of the sky says
-#: little of the first axis
+#: distance of via points from the pole of a polar mount, rad: at the pole a place of the sky does
+#: not determine the first axis
 POLE = 6.0 * DEG
-#: a track that rests, and is over so soon, is a stop, s
+#: a track at rest that ends this soon is a stop, s
 STOP = 0.1
 
 
 class GotoSupervisor(Supervisor):
-    """As `Supervisor`, whose `settings.whole` is False; parameters are the same.
+    """A `Supervisor` with the same parameters, whose `settings.whole` is False.
 
-    A stop is a track at rest of `STOP` seconds. Legs that are longer than `LONGEST` are gone in
-    parts. Where nothing is known of how fast and in which order the axes go, the limits' `timing`
-    is to be 0.
+    A stop is a track at rest of `STOP` seconds. Legs longer than `LONGEST` are split. If speed and
+    order of the axes are unknown, the limits' `timing` must be 0.
     """
 
     def _to_via(self, now, name='around'):
         first, second = self._vias[0]
-        # the last one of a way to the park position is that itself
+        # the last point of a way to the park position is the park position itself
         if self._near_pole(second) and (self._goal is not None or len(self._vias) > 1):
             side = 1.0 if float(self.readings.here[1]) > 0.5 * math.pi else -1.0
             self._vias[0] = first, 0.5 * math.pi + side * POLE
@@ -64,7 +63,7 @@ class GotoSupervisor(Supervisor):
         longest = float(np.abs(move).max())
         legs = math.ceil(longest / LONGEST)
         if legs > 1:
-            # where it comes by, that has been checked with the whole
+            # places on the way have been checked with the whole way
             for more in (0.0, POLE, -POLE, 2.0 * POLE, -2.0 * POLE):
                 part = longest / legs + more
                 there = here + np.clip(move, -part, part)

@@ -26,7 +26,7 @@ from .limits import Limits, parse_pair
 from .sky_limits import SKY_LIMITS
 from .watchdog import GuardSettings
 
-# their defaults stand there
+# the defaults are defined there
 _SENT, _KEPT = GuardSettings(), Limits()
 _FIRST, _SECOND = _KEPT.axes
 
@@ -39,7 +39,7 @@ def _travel(name, which):
 
 PARAMS = (
     AUTOSTART, KIND_OF_MOUNT,
-    # a mount stays where it is, and limits in the sky are computed for that
+    # a mount does not move, and limits in the sky are computed for its site
     *(replace(param, fixed=True) for param in SKY_PARAMS[:3]),
     _travel('first_travel_deg', 'first'),
     _travel('second_travel_deg', 'second'),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the axes and the tube may be, and how fast."""
+"""Limits of the axes and the tube, and their rates."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -25,26 +25,25 @@ from pointing_model.sky.skyline import Horizon
 
 from .sky_limits import SUN
 
-#: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
-#: catching up
+#: fraction of an axis' rate and acceleration used by a slew in pieces: the rest is for catching up
 SLEW_SHARE = 0.8
-#: points of a way around keep so far from the ends of the travel, rad
+#: margin of via points to the ends of the travel, rad
 EDGE = 0.5 * DEG
-#: readings beyond the travel by more cannot be, rad
+#: readings farther beyond the travel are impossible, rad
 BEYOND = 10.0 * DEG
-#: what is so near to the horizon or a limit in the sky counts as beyond it, rad
+#: places closer than this to the horizon or a limit in the sky count as beyond it, rad
 NEAR = 0.1 * DEG
-#: whoever is beyond these may come back: by so much he may seem to go on, rad
+#: a mount beyond these limits may come back: tolerance for apparent motion outward, rad
 SLACK = 0.05 * DEG
-#: axes whose timing is not known keep away from what moves in the sky by so much more, rad
+#: extra distance from moving limits in the sky for axes with unknown timing, rad
 MARGIN = 1.0 * DEG
 _TURN = 2.0 * np.pi
 
 
 def travel_of(mount):
-    """Ends of the travel of both axes where nothing else is given, deg.
+    """Default travel of both axes, deg.
 
-    In the south an equatorial mount has the other pole up, and a German one goes through that.
+    In the south an equatorial mount has the other pole up, and a German mount goes through it.
 
     Parameters
     ----------
@@ -57,13 +56,13 @@ def travel_of(mount):
 
 
 class Axis(NamedTuple):
-    """What an axis may do.
+    """Limits of an axis.
 
     Attributes
     ----------
     low, high : float
-        Ends of its travel, rad. Of the azimuth with its turns counted (the wrap of the cables), of
-        the first axis of a German mount its meridian limits.
+        Ends of its travel, rad: for azimuth with turns counted (cable wrap), for the first axis
+        of a German mount its meridian limits.
     rate : float
         rad/s.
     acceleration : float
@@ -78,7 +77,7 @@ class Axis(NamedTuple):
 
 @dataclass(frozen=True)
 class Limits:
-    """What a mount must not leave.
+    """Limits of a mount.
 
     Parameters
     ----------
@@ -87,11 +86,10 @@ class Limits:
         First and second.
     horizon : Horizon
     keep_out : tuple of (SkyLimit, float)
-        Least distance from each limit in the sky that matters, rad.
+        Least distance from each active limit in the sky, rad.
     timing : float
-        The axes slew at no less than this share of their rates and accelerations, 0 to 1; each
-        on its own, and no track may ask for more. 0: nothing is known of it, one axis may go while
-        the other waits.
+        In slews each axis uses at least this fraction of its rate and acceleration, 0 to 1, and no
+        track may require more. 0: unknown, one axis may move while the other waits.
     """
 
     mount: Mount = ALTAZ
@@ -103,9 +101,9 @@ class Limits:
 
     @property
     def blocked_pole(self):
-        """How high the pole is through which a German mount changes its side, and the horizon.
+        """Elevation of the pole through which a German mount changes sides, and the horizon there.
 
-        rad; None where the tube may pass there, or need not.
+        rad; None if the tube may pass there, or does not need to.
         """
         if not self.mount.two_sided:
             return None
@@ -115,7 +113,7 @@ class Limits:
         return None if el >= least else (float(el), least)
 
     def on_travel(self, first, second):
-        """Angles on the turn that is nearest to the middle of the travel; an azimuth as it is.
+        """Angles on the turn closest to the middle of the travel; azimuth is left unchanged.
 
         Parameters
         ----------
@@ -128,17 +126,17 @@ class Limits:
                      for angle, axis in zip((first, second), self.axes))
 
     def nearest_turn(self, place, here):
-        """A place, rad, with the azimuth on the turn nearest to `here` if its travel has it."""
+        """A place, rad, with the azimuth on the turn closest to `here` if within its travel."""
         first = here + wrap(place[0] - here) if self.mount.vertical else place[0]
         return np.array([first if self.axes[0].low <= first <= self.axes[0].high else place[0],
                          place[1]])
 
     def in_pieces(self):
-        """The same for slews in pieces: tracks too leave something to catch up with."""
+        """The same for slews in pieces: tracks, too, leave a reserve for catching up."""
         return replace(self, timing=min(self.timing, SLEW_SHARE))
 
     def on_turn_of(self, reading):
-        """The same limits where the turn of the first axis is not known; its reading, rad."""
+        """The same limits for a first axis on an unknown turn; its reading, rad."""
         first, second = self.axes
         low, high = safe_travel(reading, first.low, first.high)
         return replace(self, axes=(first._replace(low=low, high=high), second))
@@ -153,12 +151,12 @@ class Limits:
 
 
 def parse_pair(text, names='two numbers'):
-    """Two numbers of a text, separated by a comma; '' gives None.
+    """Parse two numbers separated by a comma; '' gives None.
 
     Raises
     ------
     ValueError
-        It is something else.
+        The text is something else.
     """
     if not text.strip():
         return None
@@ -172,26 +170,26 @@ def parse_pair(text, names='two numbers'):
 
 
 def safe_travel(reading, low, high):
-    """The travel of an axis whose turn is not known, in the turn of its reading.
+    """The travel of an axis on an unknown turn, in the turn of its reading.
 
-    Wherever it stands among the turns that its travel has room for, no end is passed.
+    On any of its possible turns no end of the travel is passed.
 
     Parameters
     ----------
     reading : float
-        At power-on, rad.
+        Reading at power-on, rad.
     low, high : float
         Ends of the travel, with turns counted, rad.
 
     Returns
     -------
     low, high : float
-        rad; (reading, reading) at least.
+        rad; at least (reading, reading).
 
     Raises
     ------
     ValueError
-        On no turn does the reading lie within the travel.
+        The reading lies within the travel on no turn.
     """
     fewest = np.ceil((low - reading) / _TURN)
     most = np.floor((high - reading) / _TURN)

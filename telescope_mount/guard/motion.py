@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How the axes go: a slew that catches up with a track, then the track, as boxes of axis angles.
+"""Motion of the axes: a slew that catches up with a track, then the track, as boxes of angles.
 
-A row of `Boxes` holds every pair of angles that the axes may have in an interval of time, however
-much of their speed they use; what must hold of every pair is then asked of all of them at once.
+A row of `Boxes` contains every pair of angles that the axes may have in an interval of time, at any
+fraction of their speed. A condition on all pairs is then checked for all boxes at once.
 """
 
 import math
@@ -28,25 +28,25 @@ from msg_tools.units import DEG
 from .axis_track import BENT, STEP
 from .boxes import Boxes, points
 
-#: the boxes of a slew are not more than so many
+#: largest number of boxes of a slew
 MOST = 120
-#: of each axis, places that are tried where both may go in any order
+#: number of places per axis that are tried if both may move in any order
 _ALONG = 9
-#: the place of an arrival is known to so much, rad; a target moves so fast at least, rad/s
+#: accuracy of the place of arrival, rad; least assumed speed of a target, rad/s
 CLOSE, CREEP = 0.01 * DEG, 0.005 * DEG
-#: a track that is faster is run after in ways that are the mount's own, rad/s
+#: for faster tracks the mount chooses its own way of catching up, rad/s
 FAST = 0.05 * DEG
 
 
 class AxisState(NamedTuple):
-    """Of both axes: angles, rad, and rates, rad/s."""
+    """State of both axes: angles, rad, and rates, rad/s."""
 
     angles: tuple
     rates: tuple = (0.0, 0.0)
 
 
 class Move(NamedTuple):
-    """A slew of one axis in the frame of what it catches up with: numbers of its formula.
+    """A slew of one axis relative to its target: coefficients of
 
     ``x(t) = origin + frame t + (start u + first u^2 / 2) + cruise w + (cruise q + last q^2 / 2)``
     with u, w, q the parts of t before `t1`, `t2` and `end`.
@@ -64,23 +64,23 @@ class Move(NamedTuple):
 
 
 def plan_move(here, rate, cubic, axis, top, acceleration, close=CLOSE):
-    """How an axis gets from where it is onto a track, as fast as it may.
+    """Fastest move of an axis from its present state onto a track.
 
     Parameters
     ----------
     here, rate : float
-        Of the axis, rad and rad/s.
+        Present angle and rate of the axis, rad and rad/s.
     cubic : Cubic
     axis : int
     top, acceleration : float
-        Of the axis, rad/s and rad/s^2.
+        Limits of the axis, rad/s and rad/s^2.
     close : float
-        How well its end must be on the track, rad.
+        Accuracy of its end on the track, rad.
 
     Returns
     -------
     Move or None
-        None where it cannot catch up.
+        None if it cannot catch up.
     """
     end = 0.0
     for _ in range(12):
@@ -90,7 +90,7 @@ def plan_move(here, rate, cubic, axis, top, acceleration, close=CLOSE):
         before, end = end, move.end
         if abs(end - before) * max(abs(move.frame), CREEP) < close:
             return move
-    # to and fro, as of a track that bends: where the guess is what comes of it
+    # oscillates, e.g. for a curved track: bisect for the end that reproduces itself
     low, high = 0.0, cubic.times[-1] + 1.0
     while (move := _caught_at(high, here, rate, cubic, axis, top, acceleration)) is not None and (
             move.end > high):
@@ -135,7 +135,7 @@ def moment(move, cubic, t, axis):
 
 
 def outermost(move, begin, end, low, high):
-    """Ends of one axis from `begin` to `end` (s) of a slew, floats.
+    """Extreme angles of one axis from `begin` to `end` (s) of a slew, floats.
 
     Parameters
     ----------
@@ -143,12 +143,12 @@ def outermost(move, begin, end, low, high):
     begin, end : float
         s.
     low, high : float
-        Of the track after it, rad.
+        Extremes of the track after it, rad.
     """
     t1, t2, last = move.t1, move.t2, move.end
     a, b = _place(move, begin if begin < last else last), _place(move, end if end < last else last)
     least, most = (a, b) if a < b else (b, a)
-    if begin < t1 and move.first:  # where it turns round
+    if begin < t1 and move.first:  # where it reverses
         t = -(move.start + move.frame) / move.first
         if begin < t < min(end, t1):
             a = _place(move, t)
@@ -170,12 +170,12 @@ def _place(move, t):
 
 
 def along(moves, cubic, t):
-    """Angles of slews, and of the track from the end of each on.
+    """Angles of slews, and of the track after the end of each.
 
     Parameters
     ----------
     moves : sequence of Move, length m
-        Those of the first axis and the second in turn.
+        Slews of the first and the second axis in turn.
     cubic : Cubic
     t : ndarray, shape (m, n)
         Seconds.
@@ -198,10 +198,10 @@ def along(moves, cubic, t):
 
 
 def _chased(state, cubic, axes, t, brakes, timing, moves):
-    """Between what each axis may be while it runs after a fast target, whatever it aims at.
+    """Bounds of each axis while it chases a fast target, however it aims.
 
-    Not farther than it can have come, and between where it was and where the target has been.
-    `moves` are the soonest and the latest of either axis.
+    Each axis is within its reach, and between its start and the past places of the target.
+    `moves` are the fastest and the slowest of either axis.
     """
     lows, highs = np.empty((2, len(t))), np.empty((2, len(t)))
     for i, axis in enumerate(axes):
@@ -209,9 +209,9 @@ def _chased(state, cubic, axes, t, brakes, timing, moves):
         slowest = axis.acceleration * timing
         stop = here + rate * abs(rate) / (2.0 * slowest)
         least, most = cubic.reached(t + brakes[i] + np.diff(t[:2]), i)
-        # with the speed of the target it overshoots, and before it has braked
+        # overshoot at the speed of the target, until it has braked
         over = cubic.peak_rate[i] ** 2 / (2.0 * slowest) + STEP / 4.0
-        # and where the target brakes while the axis does, relative to it
+        # and relative to a target that brakes at the same time
         begin, end = min(m.t2 for m in moves[i::2]), max(m.end for m in moves[i::2])
         over += cubic.change(begin, end, i) * abs(moves[-2 + i].cruise) / slowest
         reach = axis.rate * (t + brakes[i])
@@ -221,7 +221,7 @@ def _chased(state, cubic, axes, t, brakes, timing, moves):
 
 
 class Slew:
-    """The way onto a track, however late either axis is.
+    """The slew onto a track, for any delay of either axis.
 
     Parameters
     ----------
@@ -229,30 +229,30 @@ class Slew:
     cubic : Cubic
     axes : sequence of limits.Axis, length 2
     timing : float
-        Of `limits.Limits`.
+        See `limits.Limits`.
 
     Attributes
     ----------
     chases : bool
-        The track is so fast that the way onto it is the mount's own.
+        Whether the track is so fast that the mount chooses its own way onto it.
     arrival : float
-        At the latest, s; without any timing the end of the track.
+        Latest arrival, s; with unknown timing the end of the track.
 
     Raises
     ------
     ValueError
-        The track is too fast to be caught up with; the text is the axis, 0 or 1.
+        The track is too fast to catch up with; the argument is the axis, 0 or 1.
     """
 
     def __init__(self, state, cubic, axes, timing):
         self._state, self._cubic, self._axes, self._timing = state, cubic, axes, timing
-        # how is the mount's own
+        # then the way is the mount's own
         self.chases = max(cubic.most_rate) > FAST and max(cubic.peak_rate) > FAST
         if timing == 0.0:
             self.arrival = float(cubic.times[-1])
             return
         shares = (1.0, timing) if timing < 1.0 else (1.0,)
-        self._moves = []  # of both axes at their fastest, then at their slowest
+        self._moves = []  # both axes at their fastest, then at their slowest
         for share in shares:
             for i, axis in enumerate(axes):
                 move = plan_move(state.angles[i], state.rates[i], cubic, i, share * axis.rate,
@@ -260,8 +260,8 @@ class Slew:
                 if move is None:
                     raise ValueError(i)
                 self._moves.append(move)
-        # stopped on the way, an axis goes on for as long as it brakes, and the other may stand
-        # already; gone on with that speed it covers twice the braking distance; of the slowest
+        # an axis stopped on the way moves on while it brakes, and the other may stand already;
+        # going on at full speed for that time covers twice the braking distance; for the slowest
         # drive once
         longer = max(1.0, 0.5 / timing)
         self._brakes = [longer * abs(move.cruise) / axis.acceleration
@@ -271,7 +271,7 @@ class Slew:
         self.arrival = max(move.end for move in self._moves[-2:])
 
     def outermost(self, begin, end):
-        """Ends of both axes from `begin` to `end` (s), stopped in the meantime or not.
+        """Bounds of both axes from `begin` to `end` (s), stopped in the meantime or not.
 
         Returns
         -------
@@ -281,7 +281,7 @@ class Slew:
         if self._timing == 0.0:
             box = self._hull()
             return list(zip(box.low[:, 0].tolist(), box.high[:, 0].tolist()))
-        if self.chases:  # what may be grows all the time
+        if self.chases:  # the bounds only grow
             dt = self.arrival / self._count
             low, high, _ = self._lags(np.array([end - dt, end]))
             pads = [axis.acceleration * dt * dt / 8.0 + BENT for axis in self._axes]
@@ -304,7 +304,7 @@ class Slew:
                        self._moves)
 
     def passed(self):
-        """Pairs of angles that the axes may have on it: `boxes.points`."""
+        """Possible pairs of angles on the way: `boxes.points`."""
         state, cubic = self._state, self._cubic
         if self._timing == 0.0:
             ways = [here + np.linspace(0.0, 1.0, _ALONG) * (float(there) - here)
@@ -318,19 +318,19 @@ class Slew:
             x = np.clip(x, np.tile(low, (len(x) // 2, 1)), np.tile(high, (len(x) // 2, 1)))
         if len(x) == 2:
             return points(x, t)
-        a, b, late_a, late_b = x  # whichever is the slower one
+        a, b, late_a, late_b = x  # either may be the slower one
         return points(np.array([np.concatenate([a, late_a, a, late_a]),
                                 np.concatenate([b, late_b, late_b, b])]), np.tile(t, 4))
 
     def boxes(self, finer=1):
-        """`Boxes` of it.
+        """`Boxes` of the slew.
 
         Parameters
         ----------
         finer : int
-            So many for one.
+            Factor by which the number of boxes is increased.
         """
-        if self._timing == 0.0:  # in any order, at any time: all pairs of what each may pass
+        if self._timing == 0.0:  # any order, any time: all pairs of possible angles
             return self._hull()
         t = self._times(finer)
         dt, n = float(t[1]), len(t)
@@ -350,7 +350,7 @@ class Slew:
             here, rate = state.angles[i], state.rates[i]
             brake, stop = cubic.brakes((axis.acceleration,) * 2)[i], rate * abs(rate) / (
                 2.0 * axis.acceleration)
-            if self.chases:  # a target that stops while the axis comes
+            if self.chases:  # a target that stops while the axis approaches
                 brake += cubic.change(-math.inf, math.inf, i) * axis.rate / axis.acceleration
             ends.append((min(here, here + stop, cubic.low[i] - brake),
                          max(here, here + stop, cubic.high[i] + brake)))

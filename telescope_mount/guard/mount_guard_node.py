@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The mount guard: what is requested on `request` goes to the mount on `command`, if it may."""
+"""The mount guard: forwards requests on `request` to the mount on `command`, if allowed."""
 
 import time
 from contextlib import suppress
@@ -38,30 +38,30 @@ from .sky_limits import SKY_LIMITS
 from .supervisor import STILL, Supervisor
 from .watchdog import ERROR, LATE, WARN, GuardSettings
 
-#: steady seconds between looks at it all
+#: steady seconds between checks of everything
 LOOK = 0.05
-#: s in which a node of a graph finds the others
+#: s allowed for a node to discover the others
 LOOK_AROUND = 1.0
-#: s in which it is logged once that this machine is late
+#: s within which lateness of this machine is logged only once
 LATE_ONCE = 10.0
-#: states in which the mount is led somewhere
+#: states in which the mount is moved
 LEADING = ('following', 'around', 'parking', 'waiting')
-#: s after a start in which it is no news that it is not active
+#: s after a start during which being inactive is not reported
 STARTS = 5.0
-#: of the supervisor's sentence about axes that are not where they were sent
+#: part of the supervisor's sentence about axes that are not where they were sent
 ASTRAY = 'look at its drive and encoder'
-#: s in which drivers take the last command
+#: s allowed for drivers to receive the last command
 DELIVERED = 0.3
 LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
 
 class MountGuard(ManagedNode):
-    """Publishes `command`: it alone, and nothing that the mount must not follow.
+    """The only publisher of `command`; it publishes nothing that the mount must not follow.
 
-    What is checked and sent is in `guard.supervisor`, which knows no ROS.
+    Checking and sending is done in `guard.supervisor`, without ROS.
     """
 
-    GATHER = 0.002  # of readings at 1 kHz; a command waits no longer than that
+    GATHER = 0.002  # for 1 kHz readings; a command waits no longer than this
 
     def __init__(self, **kwargs):
         super().__init__('mount_guard', PARAMS, hardware_id='mount guard', **kwargs)
@@ -86,16 +86,16 @@ class MountGuard(ManagedNode):
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
             self._whole and value('use_sim_time')),
             time.monotonic)
-        # limits of an azimuth mount need no site: a default is none
+        # limits of an azimuth mount need no site; a default site does not count
         self._sky = rows_of(self._supervisor.limits) | {
             param.name: value(param.name) for param in SKY_PARAMS[:3]
             if param.name in self._parameter_overrides or not self._mount.vertical}
         self._published, self._renewed, self._crowd = None, 0.0, ''
-        self._idle, self._was_wanted = time.monotonic(), False  # not active since; and then
+        self._idle, self._was_wanted = time.monotonic(), False  # inactive since; and if requested
         self._ticked, self._late = 0.0, False
-        self._late_logged, self._quiet = -LATE_ONCE, False  # s; not logged, nor what follows
-        self._request = None  # the message as it came
-        self._owners = {}  # who asks, by the stamp of the request
+        self._late_logged, self._quiet = -LATE_ONCE, False  # s; and whether lateness is not logged
+        self._request = None  # the original message
+        self._owners = {}  # requesting nodes, by the stamp of the request
         self._command_pub = self.publisher(topics.COMMAND)
         self._status_pub = self.publisher(topics.GUARD_STATUS)
         self.subscribe(topics.INCREMENTAL, self._on_reading)
@@ -114,7 +114,7 @@ class MountGuard(ManagedNode):
                     self.value(f'{name}_acceleration_deg_s2') * DEG)
 
     def check_together(self, values):
-        """Travel and park position must be such."""
+        """Travel and park position must be valid, and limits in the sky need a site."""
         for name in ('first_travel_deg', 'second_travel_deg'):
             low, high = parse_pair(values[name]) or (0.0, 1.0)
             if low >= high:
@@ -133,11 +133,11 @@ class MountGuard(ManagedNode):
 
     def _on_reading(self, message):
         if convert.joints_of(message.name) != self._names:
-            return  # of another mount: the observer says so
+            return  # of another mount: reported by the observer
         stamp, angles, rates, _ = convert.read_joints(message)
         if not self.value('use_sim_time') and not (
                 -BEHIND_LIVE <= stamp - time.time_ns() <= AHEAD_LIVE):
-            raise ValueError("stamps of another clock than this machine's")  # as silent
+            raise ValueError("stamps of another clock than this machine's")  # treated as silence
         angles = self._limits.on_travel(*angles)
         self._supervisor.take_reading(stamp, angles, rates)
         if self._supervisor.state in ('waiting', 'around', 'stopping', 'parking'):
@@ -153,7 +153,7 @@ class MountGuard(ManagedNode):
             self._look()
             return
         if not self.active and not self._resting:
-            self._was_wanted = True  # it is renewed while it is wanted; the status says why not
+            self._was_wanted = True  # it will be repeated; the status has the reason
             return
         stamp, times, angles, rates = convert.read_trajectory(message)
         named = convert.joints_of(message.joint_names)
@@ -170,19 +170,19 @@ class MountGuard(ManagedNode):
             self._look()
 
     def _now(self):
-        """ns; of a mount that answers of a time to come, that of its readings."""
+        """Present time, ns; for a mount that replies ahead of time, that of its readings."""
         now = self.get_clock().now().nanoseconds
         return max(now, self._supervisor.readings.stamp) if self._whole else now
 
     def _tick(self):
-        """Look; where this process was held up, once more what waits is received before."""
+        """Check everything; after a delay of this process, first process waiting messages."""
         before, self._ticked = self._ticked, time.monotonic()
         self._late = self._ticked - before > 3.0 * LOOK and not self._late
         if not self._late:
             self._look()
 
     def _look(self):
-        """Send what is due."""
+        """Send due commands."""
         if not self.active:
             if self._is_news:
                 self._publish_status()
@@ -220,7 +220,7 @@ class MountGuard(ManagedNode):
         self._quiet = reason == LATE and now - self._late_logged < LATE_ONCE
         if reason == LATE and not self._quiet:
             self._late_logged = now
-        if self._quiet or after and not level:  # on the way again
+        if self._quiet or after and not level:  # moving again
             return
         if level == ERROR:
             self.get_logger().error(text)
@@ -231,21 +231,21 @@ class MountGuard(ManagedNode):
 
     @property
     def _is_news(self):
-        """Whether it is news that this node is not active: at a start it is not, at first."""
+        """Whether being inactive must be reported: not in the first moments after a start."""
         return not self.starting and (
             self._was_wanted or self._published is not None
             or time.monotonic() - self._idle > STARTS)
 
     @property
     def _reason(self):
-        """That of the supervisor; of axes that do not move, whether there is a driver at all."""
+        """The supervisor's reason; for axes that do not move, whether there is a driver at all."""
         reason = self._supervisor.reason
         if ASTRAY not in reason or self._is_driven():
             return reason
         return reason.replace(ASTRAY, 'no driver follows command: start it')
 
     def _is_driven(self):
-        """Whether somebody follows `command`, and not only listens to it."""
+        """Whether a driver follows `command`, and not only a listener."""
         return any(drives(info.node_name) for info in self.get_subscriptions_info_by_topic(
             self.resolve_topic_name(topics.COMMAND.name)))
 
@@ -263,11 +263,11 @@ class MountGuard(ManagedNode):
     # --- lifecycle ----------------------------------------------------------------------------
 
     def look_around(self):
-        """A second guard must not have sent anything when it finds the first one."""
+        """A second guard must find the first one before it sends anything."""
         return LOOK_AROUND if self.value('renew_s') else 0.0
 
     def activated(self):
-        """Go on with the request that is renewed."""
+        """Continue with the request if it is still repeated."""
         if self._resting and self._supervisor.state == 'paused':
             self._do('', self._supervisor.resume)
         self._resting = False
@@ -275,23 +275,23 @@ class MountGuard(ManagedNode):
         for limit, distance in self._limits.keep_out:
             if self._whole or not limit.turns or not self._now():
                 continue
-            az, el = limit.place(self._now() * 1e-9, site)  # by which a wrong site or clock is seen
+            az, el = limit.place(self._now() * 1e-9, site)  # reveals a wrong site or clock
             self.get_logger().info(
                 f'at latitude {site.latitude / DEG:.4f}, longitude {site.longitude / DEG:.4f} deg '
                 f'{limit.name} is at azimuth {az / DEG:.1f}, elevation {el / DEG:.1f} deg now: it '
                 f'is kept {distance / DEG:g} deg away from')
 
     def deactivated(self):
-        """Stop the mount, and follow nothing."""
+        """Stop the mount, and follow no request."""
         now, before = self._now(), self._supervisor.state
-        with suppress(ValueError):  # it is aborted or parked, and stands
+        with suppress(ValueError):  # aborted or parked: at rest already
             self._supervisor.pause(now)
             self._resting = before != 'paused'
         for track in self._supervisor.step(now, False):
             self._send(track)
 
     def before_end(self):
-        """Have a mount that is led somewhere stop: this process ends, and the mount may not."""
+        """Stop a mount that is being moved: this process ends, but the mount may not."""
         if self.active and not self._whole and self._supervisor.state in LEADING:
             self._do('', self._supervisor.abort)
             self._command_pub.wait_for_all_acked(Duration(seconds=DELIVERED))
@@ -309,7 +309,7 @@ class MountGuard(ManagedNode):
         return True, done
 
     def _on_abort(self):
-        """Stop what this guard sends; say so where the axes move all the same."""
+        """Stop what this guard sends; report if the axes move nevertheless."""
         resting = self._supervisor.state in ('idle', 'stopped', 'paused', 'parked')
         done, text = self._do('aborted', self._supervisor.abort)
         if done and resting and not (self._whole or self._supervisor.readings.at_rest(STILL)):
@@ -326,7 +326,7 @@ class MountGuard(ManagedNode):
     # --- diagnostics --------------------------------------------------------------------------
 
     def waiting_for(self):
-        """As all managed nodes; but not at once at each start for its activation."""
+        """See the base class; activation is not reported in the first moments after a start."""
         missing = [text for text in super().waiting_for() if text != ACTIVATION or self._is_news]
         command = self.resolve_topic_name(topics.COMMAND.name)
         if self.count_subscribers(command) and not self._is_driven():
@@ -347,7 +347,7 @@ class MountGuard(ManagedNode):
         return found
 
     def details(self):
-        """What the mount does."""
+        """State of the mount."""
         return [*super().details(), ('mount', self._supervisor.state), ('why', self._reason)]
 
 

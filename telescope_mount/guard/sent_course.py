@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The course that a mount was sent, and where it leads the axes at a time; checks nothing."""
+"""The course sent to a mount, and the axis angles along it; checks nothing."""
 
 from typing import NamedTuple
 
@@ -23,21 +23,21 @@ from .axis_track import Cubic, braked
 from .limits import SLEW_SHARE
 from .motion import AxisState, moment, plan_move
 
-#: between knots of a piece, s
+#: interval between knots of a piece, s
 KNOT = 0.25
 
 
 class Course(NamedTuple):
-    """A way onto a track, and the track.
+    """A slew onto a track, and the track.
 
     Attributes
     ----------
     start : int
         ns.
     cubic : Cubic
-        The track, by seconds since then.
+        The track; its times are seconds since `start`.
     moves : list of Move, optional
-        Of each axis onto it; None where the mount has the track alone.
+        Slew of each axis onto it; None if the mount gets the track alone.
     """
 
     start: int
@@ -45,7 +45,7 @@ class Course(NamedTuple):
     moves: list | None = None
 
     def seconds(self, stamp):
-        """From its start to a stamp, ns."""
+        """Seconds from its start to a stamp (ns)."""
         return (stamp - self.start) * 1e-9
 
     def moment(self, seconds, axis):
@@ -55,15 +55,15 @@ class Course(NamedTuple):
         return moment(self.moves[axis], self.cubic, seconds, axis)
 
     def state(self, stamp):
-        """Of both axes at a stamp, an `AxisState`."""
+        """State of both axes at a stamp, an `AxisState`."""
         return AxisState(*zip(*(self.moment(self.seconds(stamp), axis) for axis in (0, 1))))
 
     def is_on_track(self, stamp):
-        """Whether both axes have come to the track."""
+        """Whether both axes have reached the track."""
         return not self.moves or self.seconds(stamp) >= max(move.end for move in self.moves)
 
     def piece(self, now, ahead, axes):
-        """The `Track` of the next `ahead` seconds, and then rest."""
+        """The `Track` of the next `ahead` seconds, followed by rest."""
         times = KNOT * np.arange(max(1, round(ahead / KNOT)) + 1)
         points = np.array([[self.moment(at, axis) for axis in (0, 1)]
                            for at in (self.seconds(now) + times).tolist()])
@@ -71,16 +71,16 @@ class Course(NamedTuple):
 
     @property
     def track(self):
-        """The `Track` alone, as it is."""
+        """The `Track` alone."""
         return Track(self.start, self.cubic.times, self.cubic.angles, self.cubic.rates)
 
 
 def moves_onto(cubic, state, axes):
-    """Of each axis the `Move` onto a track, with `SLEW_SHARE` of its limits; None where none is."""
+    """The `Move` of each axis onto a track, at `SLEW_SHARE` of its limits; None if impossible."""
     return [plan_move(state.angles[i], state.rates[i], cubic, i, SLEW_SHARE * axis.rate,
                       SLEW_SHARE * axis.acceleration, 1e-9) for i, axis in enumerate(axes)]
 
 
 def stop_track(now, state, axes):
-    """The `Track` of a stop, from an `AxisState`."""
+    """The `Track` of a stop from an `AxisState`."""
     return Track(now, *braked(np.zeros(1), np.array([state.angles]), np.array([state.rates]), axes))

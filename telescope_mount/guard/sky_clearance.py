@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How near a mount comes to the horizon and limits in the sky, and why it is refused there."""
+"""Distance of a mount to the horizon and limits in the sky, and the reason for a refusal."""
 
 import math
 
@@ -26,12 +26,12 @@ from .boxes import Boxes, arc, largest_cosine, most_cosine, quartered
 from .limits import MARGIN, NEAR, SLACK
 
 _TURN = 2.0 * np.pi
-#: boxes into which a way may be cut that passes close by a limit
+#: largest number of boxes into which a way close to a limit is cut
 MOST_BOXES = 20000
 
 
 class SkyClearance:
-    """How near a mount comes to the horizon and to limits in the sky, and why it may not.
+    """Distance of a mount to the horizon and limits in the sky, and reasons for refusals.
 
     Parameters
     ----------
@@ -44,15 +44,15 @@ class SkyClearance:
         self._columns = self._frame.T.tolist()
         self._zenith = np.array(mount.zenith)
         self._nadir = (-self._zenith).tolist()
-        # without any timing nothing is known of when either
+        # with unknown timing the time of each place is unknown
         self._margin = 0.0 if limits.timing else MARGIN
         self._straight = bool(np.allclose(self._frame, np.eye(3)))
 
     def in_axes(self, circles, state):
-        """Circles in the frame of the axes, as they are kept; those that matter from `state`."""
+        """Circles in the frame of the axes, with margin; only those relevant from `state`."""
         if not circles:
             return ()
-        # one that is so low is out of reach of all that is above the horizon, or the begin
+        # circles far below the horizon and the start are out of reach
         first, second = state.angles
         x, y, z = self._zenith
         up = math.cos(second) * (x * math.sin(first) + y * math.cos(first)) + z * math.sin(second)
@@ -62,7 +62,7 @@ class SkyClearance:
             if math.asin(min(max(float(circle.toward[2]), -1.0), 1.0)) + circle.distance >= lowest)
 
     def free(self, boxes, circles):
-        """Which of many boxes are surely free of the horizon and of `in_axes`, bool (n,)."""
+        """Which boxes are surely free of the horizon and of circles from `in_axes`, bool (n,)."""
         above, distances = self._clearances(boxes, circles)[0]
         out = above >= 0.0
         for circle, distance in zip(circles, distances):
@@ -70,7 +70,7 @@ class SkyClearance:
         return out
 
     def surely_clear(self, first, second, circles, seconds):
-        """Whether all pairs of angles between two ends of each axis are far from everything."""
+        """Whether all pairs of angles between two ends of each axis are surely allowed."""
         if self._straight and second[1] <= 0.5 * math.pi and second[0] >= -0.5 * math.pi:
             lowest = second[0]
         else:
@@ -82,7 +82,7 @@ class SkyClearance:
                    > circle.distance + moved for circle in circles)
 
     def _skyline(self, first, second):
-        """The highest of the horizon behind all pairs of angles between two ends of each axis."""
+        """Highest horizon behind all pairs of angles between two ends of each axis."""
         horizon = self.limits.horizon
         if horizon.flat:
             return horizon.top
@@ -98,7 +98,7 @@ class SkyClearance:
         return horizon.highest_between(az - wide, az + wide)
 
     def why_not(self, first, second, time, circles):
-        """Why the axes may not be at a pair of angles at a time, '' if they may.
+        """Why the axes may not be at a pair of angles at a time; '' if they may.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class SkyClearance:
         time : float
             s from now.
         circles : tuple of Circle
-            Of `in_axes`.
+            From `in_axes`.
         """
         place, az, el = self._direction(first, second)
         if el < self.limits.horizon.over(az):
@@ -120,24 +120,24 @@ class SkyClearance:
         return ''
 
     def _direction(self, a, b):
-        """Direction of angles of the axes in their frame; azimuth and elevation of it, floats."""
+        """Direction of axis angles in the axis frame; its azimuth and elevation, floats."""
         along = math.cos(b)
         place = u, v, w = along * math.sin(a), along * math.cos(a), math.sin(b)
         x, y, z = (u * p + v * q + w * r for p, q, r in self._columns)
         return place, math.atan2(x, y), math.asin(min(max(z, -1.0), 1.0))
 
     def where_not(self, boxes, circles=(), state=None, most=MOST_BOXES):
-        """Why the axes may not be at all pairs of angles of boxes, '' if they may.
+        """Why the axes may not be at all pairs of angles in boxes; '' if they may.
 
         Parameters
         ----------
         boxes : Boxes
         circles : tuple of Circle, optional
-            Of `in_axes`.
+            From `in_axes`.
         state : State, optional
-            Where they are: from where a limit is passed already, the way may lead back.
+            Present state: if a limit is already exceeded there, the way may lead back.
         most : int
-            Boxes into which they may be cut.
+            Largest number of boxes into which they may be cut.
         """
         lowest, begin = 0.0, None
         done, exact = 0, False
@@ -183,14 +183,14 @@ class SkyClearance:
             cleared = self._clearances(boxes, circles, exact)
 
     def _stayed(self, begin, time, circles):
-        """How near each limit comes by itself to where the axes began, at the time of each box."""
+        """Distance of each limit to the start if the axes had stayed, at the time of each box."""
         there = np.repeat(begin, len(time), axis=1)
         return self._clearances(Boxes(there, there, time), circles, False)[1][1]
 
     def _clearances(self, boxes, circles, exact=True):
-        """Elevation above the horizon and distances from limits: least in a box, in its middle.
+        """Elevation above the horizon, distances to limits: least in each box, and at its centre.
 
-        And half the size of each box on the sky. What is not `exact` is too small and quick.
+        Also half the size of each box on the sky. If not `exact`, a fast lower bound.
         """
         if boxes.low is boxes.high:
             (a, b), ha, half, exact = boxes.low, 0.0, np.zeros(boxes.low.shape[1]), False
@@ -210,7 +210,7 @@ class SkyClearance:
             az = a if self._straight and not np.any(cos_b < 0.0) else np.arctan2(
                 *(self._frame.T @ place)[:2])
             above_here = above = el - horizon.at(az)
-            if boxes.low is not boxes.high:  # of all that is so near on the sky
+            if boxes.low is not boxes.high:  # over everything this close on the sky
                 share = np.sin(np.minimum(half, np.pi / 2.0)) / np.maximum(np.cos(el), 1e-9)
                 wide = np.where((share < 1.0) & (half < np.pi / 2.0),
                                 np.arcsin(np.minimum(share, 1.0)), np.pi)
@@ -225,7 +225,7 @@ class SkyClearance:
         return (above, distances), (above_here, distances_here), half
 
     def _reason(self, az, el, circle=None):
-        """Why a direction is not allowed: for the horizon, or a circle."""
+        """Reason why a direction is not allowed: the horizon, or a circle."""
         where = f'azimuth {np.mod(az, _TURN) / DEG:.1f} deg, elevation {el / DEG:.1f} deg'
         if circle is None:
             least = self.limits.horizon.over(az) / DEG

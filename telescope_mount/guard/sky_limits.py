@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Limits in the sky: what the tube keeps away from wherever it is, the Sun.
+"""Limits in the sky that the tube must keep away from: the Sun.
 
-One more is an entry of `SKY_LIMITS`: its parameter of the guard and its row in ``guard/status``,
-how tracks are checked and stars chosen follow from that.
+A new one is an entry of `SKY_LIMITS`. Its parameter of the guard, its row in ``guard/status``, the
+check of tracks and the choice of stars follow from that.
 """
 
 from collections.abc import Callable
@@ -28,26 +28,26 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.sky.earth import TURN_RATE
 from pointing_model.sky.places import sun_place
 
-#: the place is computed anew after so long, s; in between the sky turns
+#: interval after which the place is recomputed, s; in between it turns with the sky
 _FRESH = 600.0
 
 
 @dataclass(frozen=True)
 class SkyLimit:
-    """What is kept away from.
+    """An object to keep away from.
 
     Parameters
     ----------
     name : str
-        In a sentence.
+        Name in sentences.
     parameter : str
-        Of the guard, the least distance in degrees.
+        Parameter of the guard with the least distance in degrees.
     distance_deg : float
-        By default; 0: it is no matter.
+        Default; 0: inactive.
     place : callable
         ``place(time, site)``: azimuth and elevation, rad, at a time (UTC, s).
     turns : bool
-        Whether it moves with the sky, so that it needs a site; else it stands.
+        Whether it turns with the sky, so that it needs a site; otherwise it is fixed.
     """
 
     name: str
@@ -62,14 +62,14 @@ SKY_LIMITS = (SUN,)
 
 
 class Circle(NamedTuple):
-    """About a limit, where the tube may not look.
+    """Circle around a limit where the tube may not point.
 
     Attributes
     ----------
     toward : ndarray, shape (3,)
-        Direction of the limit now: east, north, up, or in the frame of the axes.
+        Present direction of the limit: east, north, up, or in the frame of the axes.
     pole : ndarray, shape (3,), or None
-        Of the celestial north pole, about which it turns; None: it stands.
+        Direction of the celestial north pole, about which it turns; None: fixed.
     distance : float
         Radius of the circle, rad.
     limit : SkyLimit
@@ -89,7 +89,7 @@ class Circle(NamedTuple):
         return self._replace(toward=self.at(seconds), distance=self.distance + wider)
 
     def in_frame(self, frame):
-        """In another frame, whose axes are the rows of a matrix."""
+        """The circle in another frame, whose axes are the rows of a matrix."""
         return self._replace(toward=frame @ self.toward,
                              pole=None if self.pole is None else frame @ self.pole)
 
@@ -107,7 +107,7 @@ class SkyCircles:
     def __init__(self, keep_out, site):
         self._keep_out, self._site = tuple(keep_out), site
         self._pole = np.array([0.0, np.cos(site.latitude), np.sin(site.latitude)])
-        self._known = {}  # limit: when it was computed, and its circle then
+        self._known = {}  # limit -> time of computation, and its circle then
 
     def at(self, time):
         """Tuple of `Circle` at a time (UTC, s)."""
@@ -123,12 +123,12 @@ class SkyCircles:
 
 
 def turned(place, pole, seconds):
-    """A direction on the sky after it has turned with it for a time.
+    """A direction on the sky after diurnal motion for some time.
 
     Parameters
     ----------
     place, pole : ndarray, shape (3,)
-        Of the direction, and of the celestial north pole.
+        The direction, and that of the celestial north pole.
     seconds : float or ndarray, shape (n,)
 
     Returns

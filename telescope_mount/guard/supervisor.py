@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Stands between who commands and the mount: checks requests, and sends what was allowed.
+"""The link between commanders and the mount: checks requests, and sends allowed tracks.
 
-Two ways to send. Whole: the track as it is, for a simulated mount whose time passes as
-events need it. In pieces: what the axes shall do within the next moments, slew and track alike, and
-then rest; renewed as long as request and readings are alive, so that a mount that hears nothing
-more stops by itself.
+There are two ways to send. Whole: the unchanged track, for a simulated mount whose time depends on
+events. In pieces: the motion of the next moments, slew or track, followed by rest. Pieces are
+repeated while request and readings are alive, so a mount that receives nothing more stops by
+itself.
 
-Request, readings and what was sent (`sent_course`) decide together at each step.
+Each step depends on the request, the readings and what was sent (`sent_course`).
 """
 
 import math
@@ -37,17 +37,17 @@ from .sky_limits import SkyCircles
 from .track_check import Allowed, Refused, TrackCheck
 from .watchdog import ERROR, LATE, OK, UNKNOWN, WARN, off_course, silence, why_stop
 
-#: so near to a point of a way around, and slower, it is reached; rad, rad/s
+#: closer to a via point than this, and slower, counts as reached; rad, rad/s
 REACHED, STILL = 0.1 * DEG, 0.02 * DEG
-#: a track that begins later than this has to wait for its time, s
+#: a track that begins later than this must wait, s
 LATER = 1.0
-#: a request that begins so much later is none of now, and a clock that steps back by more makes
-#: all that was known of the future false, s
+#: a request that begins later than this is refused, and a clock that steps back by more invalidates
+#: all knowledge of the future, s
 FAR = 60.0
 
 
 class Supervisor:
-    """What is requested, where the axes are, and what is sent.
+    """Keeps the request, the position of the axes, and what is sent.
 
     Parameters
     ----------
@@ -55,17 +55,17 @@ class Supervisor:
     site : Site
     settings : GuardSettings
     wall : callable
-        Seconds of a clock that goes on while simulated time stands still.
+        Seconds of a monotonic clock that runs while simulated time stands still.
 
     Attributes
     ----------
     state, level, reason : str, int, str
         ``idle``, ``following``, ``around``, ``stopping``, ``waiting``, ``stopped``, ``paused``,
-        ``aborted``, ``parking``, ``parked``; how bad that is, and why, in a sentence.
+        ``aborted``, ``parking``, ``parked``; the severity, and the reason in a sentence.
     refused : (int, str)
-        Stamp of the last request that was refused, ns, and why.
+        Stamp of the last refused request, ns, and the reason.
     limits : limits.Limits
-        That tracks keep: where a slew goes in pieces, some of the speed is left to catch up with.
+        Limits for tracks: if slews go in pieces, some speed is reserved for catching up.
     """
 
     def __init__(self, limits, site, settings, wall):
@@ -79,25 +79,25 @@ class Supervisor:
         self.refused = (0, '')
         self._goal = self._course = None
         self._vias, self._renewed, self._owner, self._last = [], 0.0, '', 0
-        self._sent = 0  # when something was sent last, ns
-        self._unread = None  # stamp of the newest reading as a whole track was sent
-        self._turns = None  # of the first axis, where a way led to the goal on another turn
+        self._sent = 0  # time of the last sent track, ns
+        self._unread = None  # stamp of the newest reading when a whole track was sent
+        self._turns = None  # of the first axis, if a detour leads to the goal on another turn
         self._out, self._halt, self._back = [], False, -math.inf
 
     # --- what comes in ------------------------------------------------------------------------
 
     @property
     def locked(self):
-        """Why no request is taken now; '' if one is."""
+        """Why no request is accepted now; '' if one is."""
         locked = self.state in ('aborted', 'parking', 'parked')
         return f'{self.state}: call resume' if locked else ''
 
     def take_reading(self, stamp, angles, rates):
-        """A reading of the encoders, rad and rad/s; ValueError for one that cannot be."""
+        """Add an encoder reading, rad and rad/s; ValueError for an impossible one."""
         known = self.readings.here is not None
         jumped = self.readings.take(stamp, angles, rates)
         if jumped and self._course is not None and not self._settings.whole:
-            self._goal = self._course = None  # where it was sent is of a place where it is not
+            self._goal = self._course = None  # its course is for another place
             self._brake(stamp)
             self._set_state('aborted', ERROR, 'the readings jumped to another place and stay '
                             'there: stopped; somebody homed it, or look at its encoder; then call '
@@ -105,14 +105,14 @@ class Supervisor:
         if self.readings.here is None:
             self._check = TrackCheck(self.limits)
             if known and (self._goal is not None or self.state == 'parking'):
-                self._drop(stamp)  # another power-on: what was requested was of this one
+                self._drop(stamp)  # a new power-on invalidates the request
                 self._set_state('stopped', OK if self._settings.whole else WARN,
                                 'the encoders give no number any more: home the mount')
         elif (jumped or not known) and not self._settings.turn_known:
             self._check = TrackCheck(self.limits.on_turn_of(self.readings.here[0]))
 
     def take_request(self, track, now, owner=''):
-        """A track that is requested, or the one before once more: it is still wanted.
+        """Take a requested track, or a repetition of the previous request.
 
         Parameters
         ----------
@@ -120,12 +120,12 @@ class Supervisor:
         now : int
             ns.
         owner : str
-            Who asks.
+            Requesting node.
 
         Raises
         ------
         ValueError
-            It is refused; one line says why.
+            The track is refused; one line says why.
         """
         if owner and self._owner and owner != self._owner and self._alive:
             raise ValueError(f'{owner} asks while {self._owner} commands: end one of them')
@@ -134,7 +134,7 @@ class Supervisor:
         self._forget_future(now)
         ahead = (track.start - now) * 1e-9
         if ahead > FAR and not self._settings.whole:
-            # whoever asks may hear of a clock that was set back a moment later
+            # the requester may learn a moment later that the clock was set back
             raise self._refuse(track, f'a request for {ahead:.0f} s from now: send one of now',
                                self._wall() > self._back)
         again = self._goal is not None and track.start == self._goal.start
@@ -144,18 +144,18 @@ class Supervisor:
             raise self._refuse(track, self.locked)
         self._renewed, self._owner = self._wall(), owner
         if again:
-            # where nothing was read since it was sent it may have been lost
+            # if there was no reading since it was sent, the command may have been lost
             if (self.state == 'stopped' and not silence(self.readings, self._settings.silence)) or (
                     self.state in ('following', 'around') and self._unread == self.readings.stamp):
                 self._begin(now)
             elif self._settings.asleep and self.readings.here is None:
-                self._begin(now, True)  # a guard that was started again: nothing would ever be read
+                self._begin(now, True)  # a restarted guard would never get a reading
             return
         if track.start < self._last:
             raise self._refuse(track, 'a request older than the one before: check its stamp',
-                               self._last - track.start <= FAR * 1e9)  # else ours will be set back
+                               self._last - track.start <= FAR * 1e9)  # else our clock is set back
         self._last, self._vias, self._turns = track.start, [], None
-        # no sharper than a track may be, where the mount is slow
+        # not sharper than a track may be, for a slow mount
         share = self.limits.timing or SLEW_SHARE
         self._goal = track if self._settings.whole else ended(
             track, [share * axis.acceleration for axis in self.limits.axes])
@@ -163,7 +163,7 @@ class Supervisor:
             self._begin(now)
 
     def _forget_future(self, now):
-        """After the clock has been set back, or began anew: whether what was requested is over."""
+        """Discard requests after the clock was set back or restarted; whether any was discarded."""
         far = now + round(FAR * 1e9)
         if self._settings.whole or max(self._last, self._sent) <= far:
             return False
@@ -177,20 +177,20 @@ class Supervisor:
         return True
 
     def _halted(self, now):
-        """After that: a stop from the first reading of the new time, as nobody knows the way."""
+        """After that: stop at the first reading of the new time, since the way is unknown."""
         if self._halt and self.readings.stamp <= now + round(0.5 * FAR * 1e9):
             self._halt = False
             if self._course is None and not self.readings.at_rest(STILL):
                 self._brake(now)
 
     def withdraw(self, now):
-        """Nobody asks for anything any more: stop."""
+        """Stop: nothing is requested any more."""
         if self._goal is not None and not self.locked:
             self._drop(now)
             self._set_state('idle', OK, 'the request was withdrawn')
 
     def _drop(self, now):
-        """Nothing is requested any more, and nothing more is sent but a stop."""
+        """Drop the request, and send nothing more than a stop."""
         if self._course is not None and not self._settings.whole:
             self._brake(now)
         self._goal = self._course = None
@@ -208,9 +208,9 @@ class Supervisor:
     # --- a request ----------------------------------------------------------------------------
 
     def _begin(self, now, unread=False):
-        """Check what is requested from where the axes are, and set out.
+        """Check the request from the present position, and start.
 
-        `unread`: from where it begins, where nothing was read yet.
+        `unread`: start from where the request begins, since there is no reading yet.
         """
         goal, late, self._vias = self._goal, 0.0, []
         if self._blind and not (unread and self.readings.here is None):
@@ -249,7 +249,7 @@ class Supervisor:
 
     @property
     def _blind(self):
-        """Whether it is not known where the axes are."""
+        """Whether the position of the axes is unknown."""
         return self.readings.here is None or not self._settings.whole and bool(
             self._halt or self.readings.doubtful
             or silence(self.readings, self._settings.silence))
@@ -266,13 +266,13 @@ class Supervisor:
         return self._circles.at(now * 1e-9)
 
     def _here(self, now):
-        """Of the axes now: where they were sent, while they follow, else their reading."""
+        """Present axis state: from the course while the axes follow it, else from readings."""
         if self._course is not None and self._course.moves and not self._hung(now):
             return self._course.state(now)
         return self.readings.state
 
     def _hung(self, now):
-        """Whether nothing was sent in time, and the mount has braked; or has not begun at all."""
+        """Whether nothing was sent in time, so the mount has braked, or has not started at all."""
         ahead = round(self._settings.ahead * 1e9)
         return now > max(self._sent, self._course.start) + ahead or (
             bool(self._out) and now > self._out[-1].start + ahead // 5)
@@ -300,7 +300,7 @@ class Supervisor:
         self._out.append(self._course.piece(now, self._settings.ahead, self.limits.axes))
 
     def _brake(self, now):
-        """Stop now; where nobody knows from where, what was sent ends at rest by itself."""
+        """Stop now; from an unknown position what was sent ends at rest by itself."""
         if self.readings.here is not None or not (
                 self._course is None or self._settings.whole or self._hung(now)):
             self._out.append(stop_track(now, self._here(now), self.limits.axes))
@@ -309,26 +309,26 @@ class Supervisor:
     # --- as time goes on ----------------------------------------------------------------------
 
     def is_request(self, track):
-        """Whether a track to send is what was requested, unchanged."""
+        """Whether a track to send is the unchanged request."""
         return (self._settings.whole and self._goal is not None
                 and track.angles is self._goal.angles)
 
     def step(self, now, due=True):
-        """Look after all of it.
+        """Do everything that is due.
 
         Parameters
         ----------
         now : int
             ns.
         due : bool
-            It is time to renew what was sent last.
+            Whether it is time to repeat the last command.
 
         Returns
         -------
         list of Track
-            What to send to the mount.
+            Tracks to send to the mount.
         """
-        with suppress(ValueError):  # a refusal, which `state` gives
+        with suppress(ValueError):  # a refusal, reported by `state`
             self._step(now, due)
         out, self._out = self._out, []
         if out:
@@ -350,7 +350,7 @@ class Supervisor:
                 self._course, self._out = None, []
                 state = 'aborted' if self.state == 'parking' else 'stopping'
                 return self._set_state(state, WARN, LATE)
-            parks = self.state == 'parking'  # one that parks has nobody to ask for it again
+            parks = self.state == 'parking'  # parking has no repeated request
             stop = why_stop(self.readings, self._settings.silence, parks or self._alive,
                             self._astray)
             if stop:
@@ -378,20 +378,20 @@ class Supervisor:
                           self.limits.mount.names.axes)
 
     def _has_come(self, now):
-        """Whether the axes rest at the first of the points to pass."""
+        """Whether the axes are at rest at the first via point."""
         return self._course is not None and self._course.is_on_track(now) and (
             self.readings.rest_at(self._vias[0], REACHED, STILL))
 
     # --- services -----------------------------------------------------------------------------
 
     def abort(self, now):
-        """Stop, forget the request, and take none until `resume`."""
+        """Stop, drop the request, and accept none until `resume`."""
         self._brake(now)
         self._goal, self._vias = None, []
         self._set_state('aborted', WARN, 'aborted: call resume')
 
     def pause(self, now):
-        """Stop, and go on with the request at `resume`; ValueError where that is no matter."""
+        """Stop, and continue with the request at `resume`; ValueError if locked."""
         if self.locked:
             raise ValueError(self.locked)
         if self._course is not None:
@@ -399,12 +399,12 @@ class Supervisor:
         self._set_state('paused', WARN, 'paused: call resume')
 
     def resume(self, now):
-        """Go on; ValueError where nothing holds the mount up.
+        """Continue; ValueError if nothing holds the mount up.
 
         Returns
         -------
         str
-            What becomes of the request of before.
+            What happens to the previous request.
         """
         if self.state not in ('paused', 'aborted', 'parked', 'parking', 'stopped'):
             raise ValueError('nothing is paused')
@@ -422,18 +422,18 @@ class Supervisor:
         return text
 
     def park(self, now, place):
-        """Go to a pair of angles, rad, and take no request until `resume`.
+        """Go to a pair of angles, rad, and accept no request until `resume`.
 
         Raises
         ------
         ValueError
-            It cannot go there: one line.
+            It cannot go there: one line says why.
         """
         if self.readings.here is None:
             raise ValueError(UNKNOWN)
         state = self._here(now)
         if max(map(abs, state.rates)) > 2.0 * STILL:
-            self._brake(now)  # it is its own way from there
+            self._brake(now)  # parking starts from rest
             state = AxisState(tuple(self._out[-1].angles[-1].tolist()))
         there = self._check.limits.nearest_turn(place, state.angles[0])
         circles = self._circles_at(now)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Checks a track before it is sent: over all of it, and the whole way of the axes onto it."""
+"""Checks a whole track before it is sent, and the whole way of the axes onto it."""
 
 import math
 from operator import sub
@@ -29,18 +29,18 @@ from .sky_clearance import SkyClearance
 _TURN = 2.0 * np.pi
 #: longest track, s
 LONGEST = 3600.0
-#: a way that seems refused is looked at again with so many boxes for one
+#: factor by which the boxes of an apparently refused way are refined
 FINER = 6
-#: boxes into which a way may be cut before finer ones are taken, and where many ways are tried
+#: largest number of boxes before refinement, and when many ways are tried
 QUICK = 200
-#: of a slew, its time is halved so often at most, and then what may be passed at once, before it
-#: is looked at in boxes
+#: largest number of bisections of a slew in time, and of the possible angles in space, before it is
+#: checked in boxes
 IN_TIME, IN_SPACE = 5, 4
-#: knots are apart by so much at least, s
+#: least interval between knots, s
 SOON = 1e-6
-#: of a limit, that rounding alone exceeds
+#: factor on a limit for rounding
 ROUNDED = 1.0 + 1e-9
-#: the largest number that is an angle, rad: a hundred turns
+#: larger numbers are not angles, rad: a hundred turns
 NO_ANGLE = 100.0 * _TURN
 
 
@@ -50,20 +50,20 @@ class Allowed(NamedTuple):
     Attributes
     ----------
     cubic : Cubic
-        Its knots, the first axis on the turn that the mount takes.
+        Its knots, with the first axis on the turn that the mount uses.
     """
 
     cubic: Cubic
 
 
 class Refused(NamedTuple):
-    """A track that may not: one line that says what, where and what to do.
+    """A refused track: one line that says what is wrong, where, and what to do.
 
     Attributes
     ----------
     reason : str
     cubic : Cubic or None
-        The track, where it could be followed and only the way onto it cannot be gone.
+        The track, if it could be followed and only the way onto it is refused.
     """
 
     reason: str
@@ -71,7 +71,7 @@ class Refused(NamedTuple):
 
 
 class TrackCheck:
-    """Checks tracks by the limits of a mount.
+    """Checks tracks against the limits of a mount.
 
     Parameters
     ----------
@@ -89,20 +89,20 @@ class TrackCheck:
         self._slow = tuple(axis.acceleration * (limits.timing or 1.0) for axis in limits.axes)
 
     def check(self, times, angles, rates, state, circles=(), turns=None):
-        """Check a track from where the axes are.
+        """Check a track from the present axis state.
 
         Parameters
         ----------
         times : array_like, shape (n,)
-            Of the knots, s from now; the first is not after it.
+            Times of the knots, s from now; the first is not later than now.
         angles, rates : array_like, shape (n, 2)
             rad, rad/s; cubic in between.
         state : AxisState
-            Of the axes now, the first on the turn that it is on.
+            Present axis state, the first axis on its actual turn.
         circles : sequence of sky_limits.Circle, optional
-            That the tube keeps out of, as they are now: east, north, up.
+            Circles that the tube must avoid, at present: east, north, up.
         turns : int, optional
-            Whole turns to add to the azimuth; without, those to the nearest that it can take.
+            Whole turns to add to the azimuth; by default those to the closest possible turn.
 
         Returns
         -------
@@ -125,19 +125,19 @@ class TrackCheck:
         return self._way(cubic, state, self.sky.in_axes(circles, state), True)
 
     def onto(self, cubic, here, circles=(), quick=False):
-        """As `check`, of a slew from rest at a pair of angles onto a `Cubic` that is allowed.
+        """Check a slew from rest at a pair of angles onto an allowed `Cubic`.
 
-        What is `quick` may refuse more.
+        With `quick` more may be refused.
         """
         state = AxisState(tuple(here))
         return self._way(cubic, state, self.sky.in_axes(circles, state), quick=quick)
 
     def way(self, here, there, circles=(), quick=False):
-        """As `onto`, of a slew from rest to rest between two pairs of angles."""
+        """Check a slew from rest to rest between two pairs of angles; see `onto`."""
         return self.onto(resting(there), here, circles, quick)
 
     def other_turns(self, cubic, state):
-        """The same track on the other turns that the azimuth's travel has room for, nearest first.
+        """The same track on the other possible turns of the azimuth, the closest first.
 
         Parameters
         ----------
@@ -159,7 +159,7 @@ class TrackCheck:
         return [cubic.turned(n) for n in turns[:2]]
 
     def _way(self, cubic, state, circles, track=False, quick=False):
-        """Check the way onto a track and, with `track`, what it passes of the sky itself."""
+        """Check the way onto a track and, with `track`, the sky along the track itself."""
         if self._surely_clear(cubic, state, circles):
             return Allowed(cubic)
         reason = track and self.sky.why_not(*cubic.angles[0].tolist(), float(cubic.times[0]),
@@ -177,21 +177,21 @@ class TrackCheck:
                            'slower one')
         if self._clear_in_parts(slew, state, circles):
             return Allowed(cubic)
-        reason = self.sky.where_not(slew.passed(), circles, state)  # tells soon what is told mostly
+        reason = self.sky.where_not(slew.passed(), circles, state)  # fast, and finds most refusals
         if not reason:
             boxes = slew.boxes()
             out = self._out_of_travel(boxes, 'the way to it', state)
             if out:
                 return Refused(out, cubic)
             reason = self.sky.where_not(boxes, circles, state, QUICK)
-            if reason and not quick:  # it may be both axes of two moments
+            if reason and not quick:  # a coarse box may combine two moments
                 reason = self.sky.where_not(slew.boxes(FINER), circles, state)
         return Refused(f'the way to the track {reason}', cubic) if reason else Allowed(cubic)
 
     def _surely_clear(self, cubic, state, circles):
-        """Whether all pairs of angles between begin and track are far from everything.
+        """Whether all pairs of angles between start and track are surely allowed.
 
-        Most slews are found to be free so, however the axes go, in a tenth of the time.
+        This proves most slews safe for any motion of the axes, in a tenth of the time.
         """
         limits, ends, seconds = self.limits, [], float(cubic.times[-1])
         for i, axis in enumerate(limits.axes):
@@ -211,9 +211,9 @@ class TrackCheck:
         return self.sky.surely_clear(*ends, circles, seconds)
 
     def _clear_in_parts(self, slew, state, circles):
-        """Whether all that may be passed at once in each part of a slew is far from everything.
+        """Whether all possible pairs of angles in each part of a slew are surely allowed.
 
-        What seems near is halved: fewer and larger parts than `Slew.boxes`, in floats.
+        Parts that are too close are bisected: fewer and larger parts than `Slew.boxes`, in floats.
         """
         whole = slew.outermost(0.0, slew.arrival)
         for axis, here, rate, slow, (low, high) in zip(self.limits.axes, *state, self._slow, whole):
@@ -244,7 +244,7 @@ class TrackCheck:
                    for a, b in zip(*halves))
 
     def _track_clear(self, cubic, circles):
-        """Whether all pairs of angles of a track are far from everything, stopped on it or not."""
+        """Whether all pairs of angles of a track are surely allowed, even if stopped on it."""
         ends = [(low - BENT, high + BENT) for low, high in cubic.surely_within(self._slow)]
         return self.sky.surely_clear(*ends, circles, float(cubic.times[-1]))
 
@@ -265,7 +265,7 @@ class TrackCheck:
         if knots[0] > 1.0 or knots[-1] < 0.0:
             return (f'a track from {knots[0]:.1f} to {knots[-1]:.1f} s from now: '
                     'send one that is of now')
-        if knots[-1] - knots[0] > LONGEST + 60.0:  # and braking at its end
+        if knots[-1] - knots[0] > LONGEST + 60.0:  # with braking at its end
             return (f'a track of {knots[-1] - knots[0]:.0f} s: send {LONGEST:.0f} s at most, '
                     'and the next one in time')
         if len(knots) == 1 and any(speeds):
@@ -278,7 +278,7 @@ class TrackCheck:
         return ''
 
     def _turns(self, cubic, here):
-        """Whole turns to add to the first axis: the nearest that its travel has room for."""
+        """Whole turns to add to the first axis: the closest that fit into its travel."""
         axis = self.limits.axes[0]
         nearest = (round((here - float(cubic.angles[0, 0])) / _TURN) if self.limits.mount.vertical
                    else self._middle(cubic, 0))
@@ -293,21 +293,21 @@ class TrackCheck:
         return min(max(nearest, fewest), most)
 
     def _middle(self, cubic, i):
-        """Whole turns that lead nearest to the middle of the travel of an axis."""
+        """Whole turns to the place closest to the middle of the travel of an axis."""
         axis = self.limits.axes[i]
         return round((0.5 * (axis.low + axis.high) - float(cubic.angles[0, i])) / _TURN)
 
     def _too_fast(self, cubic):
-        # an axis at its slowest that falls behind the track is anywhere beside it
+        # the place of an axis at its slowest that falls behind the track is unknown
         least = self.limits.timing or 1.0
         sure = ', with which it surely follows (slew_timing)' if least < 1.0 else ''
         for i, (axis, word) in enumerate(zip(self.limits.axes, self._words)):
             rate, bend = cubic.most_rate[i], cubic.peak_acceleration[i]
             most, sharpest = least * axis.rate, least * axis.acceleration
-            if not rate <= most and not (rate := cubic.peak_rate[i]) <= most:  # nor no number
+            if not rate <= most and not (rate := cubic.peak_rate[i]) <= most:  # also false for NaN
                 return (f'{word} at {rate / DEG:.3g} deg/s on the track is faster than '
                         f'{most / DEG:.3g} deg/s{sure}: ask for a slower one')
-            if not bend <= sharpest * ROUNDED:  # a track is ended by just that
+            if not bend <= sharpest * ROUNDED:  # braking at the end uses exactly the limit
                 return (f'{word} at {bend / DEG:.3g} deg/s^2 on the track is over '
                         f'{sharpest / DEG:.3g} deg/s^2{sure}: ask for a smoother one')
         return ''
@@ -323,11 +323,11 @@ class TrackCheck:
         return ''
 
     def _out_of_travel(self, boxes, what, state):
-        # the ends of a way onto a track are the outermost of it, but for braking at first
+        # the ends of a way onto a track are its extremes, except for initial braking
         low, high = (boxes.low.min(1) + boxes.pad[:, 0]), (boxes.high.max(1) - boxes.pad[:, 0])
         for i, (here, rate) in enumerate(zip(state.angles, state.rates)):
             stop = here + rate * abs(rate) / (2.0 * self._slow[i])
-            # whoever stands outside may come back
+            # an axis outside its travel may come back
             reason = self._beyond(i, min(low[i], stop), max(high[i], stop), what, here)
             if reason:
                 return reason

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Stops axes when nothing is read, nobody asks, or they do not go where they were sent.
+"""Stops axes without readings, without a repeated request, or off their course.
 
-`GuardSettings` have after how long and how far off, and how commands are sent.
+`GuardSettings` has the limits for this, and the way to send commands.
 """
 
 import math
@@ -27,29 +27,29 @@ OK, WARN, ERROR = 0, 1, 2
 UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
 LATE = ('this machine is late: nothing was sent in time; the mount has stopped, and goes on as '
         'soon as it is judged anew')
-#: periods of an instrument after which it is silent
+#: number of usual periods after which an instrument counts as silent
 PERIODS = 5.0
-#: an axis that moves may be behind by the way of so long, s
+#: a moving axis may lag by its motion in this time, s
 LAG = 0.5
 
 
 class GuardSettings(NamedTuple):
-    """How a `supervisor.Supervisor` sends.
+    """How a `supervisor.Supervisor` sends commands.
 
     Attributes
     ----------
     whole : bool
-        The track that was checked at once; nothing is renewed, and silence is no matter.
+        The checked track is sent at once; nothing is repeated, and silence is ignored.
     ahead : float
-        From now to the last moving knot of a piece, s.
+        Time from now to the last moving knot of a piece, s.
     silence, commander : float
-        Seconds without a reading, and without a renewed request, after which the axes are stopped.
+        Seconds without a reading, or without a repeated request, after which the axes are stopped.
     behind : float
-        Largest distance of an axis from where it was sent, rad.
+        Largest distance of an axis from its course, rad.
     turn_known : bool
-        The first axis reads the turn that it is on.
+        Whether the first axis reads the turn that it is on.
     asleep : bool
-        Time waits for events: of a mount that is not asked to move nothing is read.
+        Time waits for events: a mount that need not move sends no readings.
     """
 
     whole: bool = True
@@ -62,7 +62,7 @@ class GuardSettings(NamedTuple):
 
 
 def why_stop(readings, least_silence, requested, astray):
-    """Why what moves is to be stopped now.
+    """Why a moving mount must be stopped now.
 
     Parameters
     ----------
@@ -70,14 +70,14 @@ def why_stop(readings, least_silence, requested, astray):
     least_silence : float
         s.
     requested : bool
-        Whether somebody still asks for it.
+        Whether the request is still repeated.
     astray : callable
-        Gives what `off_course` or `off_way` says.
+        Returns the result of `off_course` or `off_way`.
 
     Returns
     -------
     (str, int, str) or None
-        State to go to, how bad it is, and why, in a sentence.
+        New state, severity, and the reason in a sentence.
     """
     quiet = silence(readings, least_silence)
     if quiet:
@@ -90,7 +90,7 @@ def why_stop(readings, least_silence, requested, astray):
 
 
 def silence(readings, least):
-    """For how long nothing was read, s, where that is too long; else 0."""
+    """Time without readings, s, if that is too long; else 0."""
     return readings.since if readings.since > max(least, PERIODS * readings.period) else 0.0
 
 
@@ -102,9 +102,9 @@ def off_course(readings, course, behind, words):
     readings : AxisReadings
     course : Course
     behind : float
-        Largest distance, rad; of an axis that moves more.
+        Largest distance, rad; a moving axis may lag by more.
     words : sequence of str
-        What the axes are called.
+        Names of the axes.
     """
     if readings.stamp <= course.start:
         return ''
@@ -118,21 +118,21 @@ def off_course(readings, course, behind, words):
 
 
 def off_way(here, ends, behind, axes, words):
-    """Which axis is outside of a way that was checked, in a sentence; '' for none.
+    """Which axis is outside the checked way, in a sentence; '' for none.
 
     Parameters
     ----------
     here : ndarray, shape (2,)
-        Where the axes are, rad.
+        Present axis angles, rad.
     ends : (ndarray, ndarray), shape (2,)
-        Least and greatest angles of the way, rad.
+        Lowest and highest angles of the way, rad.
     behind : float
         Largest distance, rad.
     axes : sequence of limits.Axis
     words : sequence of str
-        What they are called.
+        Names of the axes.
     """
-    # near the pole the first axis turns far while the tube hardly does
+    # near the pole the first axis turns far while the tube hardly moves
     wider = behind / max(abs(math.cos(float(here[1]))), 1e-9), behind
     for angle, least, most, beside, axis, word in zip(
             map(float, here), *ends, wider, axes, words):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which stars to observe for a pointing model, in which order, and which have a neighbour."""
+"""Chooses stars for a pointing model, orders them, and detects those with a neighbour."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -31,7 +31,7 @@ from .star_order import observing_order
 
 NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
 NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb
-#: parameters of the observer: which stars it takes
+#: parameters of the observer for the choice of stars
 CHOICE_PARAMS = (
     Param('star_seed', 1, 'seed of the choice of stars', 0, 2**31 - 1),
     Param('magnitude_limit', 6.0, 'faintest star, Hipparcos magnitude', -2.0, 15.0),
@@ -45,14 +45,14 @@ CHOICE_PARAMS = (
 
 
 class AxisLimits(NamedTuple):
-    """How far axes turn, radians.
+    """Limits of the axes, radians.
 
     Attributes
     ----------
     meridian : float
-        Past the meridian, of a German mount.
+        Past the meridian, for a German mount.
     hour_angle : float
-        On either side, of the first axis of a mount that does not go through the pole.
+        On either side, for the first axis of a mount that does not go through the pole.
     allowed : telescope_mount.guard.allowed_sky.AllowedSky, optional
         Where the guard lets tube and axes be.
     """
@@ -63,16 +63,16 @@ class AxisLimits(NamedTuple):
 
     @classmethod
     def of(cls, value, allowed):
-        """By the observer's parameters, which `value` gives by name."""
+        """From the observer's parameters, which `value` returns by name."""
         return cls(value('meridian_limit_deg') * DEG, value('hour_angle_limit_deg') * DEG, allowed)
 
     def permitted(self, mount, az, el, time, numbers):
-        """Whether the guard lets the tube look at stars, with the axes where they are observed.
+        """Whether the guard lets the tube point at stars, with the axes as they would observe them.
 
         Parameters
         ----------
         mount, az, el, time, numbers
-            As of `reached`.
+            See `reached`.
 
         Returns
         -------
@@ -84,19 +84,19 @@ class AxisLimits(NamedTuple):
             *axes_at(mount, az, el, self, numbers))
 
     def reached(self, mount, az, el, most, time, numbers):
-        """Whether the axes may reach stars, no nearer to the pole than `most`.
+        """Whether the axes can reach stars, no closer to the pole than `most`.
 
         Parameters
         ----------
         mount : Mount
         az, el : ndarray, shape (n,)
-            Places of the horizon, radians.
+            Places on the horizon, radians.
         most : float
-            Largest angle from the equator of the axes, radians.
+            Largest angle from the equator of the axis frame, radians.
         time : float
             UTC, s.
         numbers : ndarray of int, shape (n,)
-            Of the stars.
+            Numbers of the stars.
 
         Returns
         -------
@@ -106,7 +106,7 @@ class AxisLimits(NamedTuple):
         if mount.vertical:
             return allowed & (el <= most)
         first, second = mount.axes_of(az, el)
-        free = mount.two_sided  # on one side or the other
+        free = mount.two_sided  # reachable on one side or the other
         return allowed & (np.abs(second) <= most) & (free | (np.abs(first) <= self.hour_angle))
 
 
@@ -121,13 +121,13 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     Parameters
     ----------
     stars : Stars
-        The catalogue. Load it two magnitudes deeper than `mag_limit`, so that disturbing
-        neighbours are known.
+        The catalogue. Load it two magnitudes deeper than `mag_limit`, to include disturbing
+        neighbours.
     time : float
         Begin of the observations, UTC seconds since 1970-01-01.
     site, weather : Site, Weather
     n : int
-        How many.
+        Number of stars.
     seed : int
         The same seed gives the same stars in the same order.
     min_el, max_el : float
@@ -135,18 +135,18 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     mag_limit : float
         Faintest magnitude Hp.
     exclude : sequence of int
-        Hipparcos numbers that must not be chosen (observed already, or held out).
+        Hipparcos numbers to exclude (already observed, or held out).
     duration : float
-        Seconds that the observations take: a chosen star stays within the limits so long.
+        Duration of the observations, s: a chosen star stays within the limits for this time.
     start : (float, float), optional
-        Angles of the axes where the mount stands, radians.
+        Present axis angles of the mount, radians.
     mount : Mount, optional
-        Of another than an alt-azimuth one `max_el` is the largest angle from the equator of its
-        axes: nearer to the pole the first axis is too fast.
+        For mounts other than alt-azimuth ones `max_el` is the largest angle from the equator of
+        the axes: closer to the pole the first axis is too fast.
     limits : AxisLimits
-        Of its axes.
+        Limits of the axes.
     slews : float
-        As of `observing_order`.
+        See `observing_order`.
 
     Returns
     -------
@@ -156,14 +156,14 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     Raises
     ------
     ValueError
-        Fewer than `n` stars fulfil the conditions.
+        Fewer than `n` stars meet the conditions.
 
     Notes
     -----
-    The sky between the limits is divided into `n` cells of equal area. In each cell that star is
-    taken that adds most to the determinant of the normal equations of paper 000's 13 harmonics.
-    A star with a neighbour (`has_neighbour`) is not taken.
-    The order is that of `observing_order`.
+    The sky between the limits is divided into `n` cells of equal area. In each cell the star is
+    taken that adds most to the determinant of the normal matrix of paper 000's 13 harmonics
+    (D-optimal design). Stars with a neighbour (`has_neighbour`) are not taken. The order is that
+    of `observing_order`.
     """
     if not (0 <= min_el < max_el <= np.pi / 2.0):
         raise ValueError(f'elevation limits {min_el / DEG:g} to {max_el / DEG:g} degrees: '
@@ -198,8 +198,8 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
 
 
 def observable(stars, moments, site, weather, min_el, max_el, mag_limit, exclude, mount, limits):
-    """Rows that are bright enough, their places at each moment, and which are up at all of them,
-    excluded, and without a neighbour; parameters are those of `choose_stars`.
+    """Rows of bright stars, their places at each time, and which are up at all times, excluded,
+    and without a neighbour; for parameters see `choose_stars`.
     """
     bright, there, lonely = bright_stars(stars, float(mag_limit))
     places = [observed_place(there, t, site, weather) for t in moments]
@@ -212,34 +212,32 @@ def observable(stars, moments, site, weather, min_el, max_el, mag_limit, exclude
 def nearest_star(stars, time, az, el, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, *,
                  min_el=20.0 * DEG, max_el=85.0 * DEG, mag_limit=6.0, magnitude=None, exclude=(),
                  mount=ALTAZ, limits=ANYWHERE, start=None, sides=(0, 0)):
-    """The star nearest to a place of the horizon.
+    """The star closest to a place on the horizon.
 
     Parameters
     ----------
     stars, time, site, weather, min_el, max_el, mag_limit, exclude, mount, limits
-        As of `choose_stars`.
+        See `choose_stars`.
     az, el : float
         Radians.
     magnitude : float, optional
-        A star within one magnitude of it, or (of a fainter one than the limit) of the limit, is
-        taken where there is one.
+        Prefer a star within one magnitude of it (or of the limit, if that is brighter).
     start : (float, float), optional
-        Angles of the axes where the mount stands, radians.
+        Present axis angles of the mount, radians.
     sides : (int, int)
-        Sign with which each axis is to come to it from `start`, 0 for either; stars to which
-        they do are taken where there are some.
+        Sign of the preferred approach of each axis from `start`, 0 for either.
 
     Returns
     -------
     row : int
-        Of `stars`.
+        Row of `stars`.
     off : float
-        How far it is from the place, radians.
+        Its distance from the place, radians.
 
     Raises
     ------
     ValueError
-        No star can be observed.
+        No star is observable.
     """
     bright, (places,), up, known, lonely = observable(
         stars, [time], site, weather, min_el, max_el, mag_limit, exclude, mount, limits)
@@ -262,7 +260,7 @@ def nearest_star(stars, time, az, el, site=DEFAULT_SITE, weather=DEFAULT_WEATHER
 
 
 def axes_at(mount, az, el, limits, numbers):
-    """Angles of the axes at places of the horizon, on the side that stars there are observed on.
+    """Axis angles at places on the horizon, on the side on which stars there are observed.
 
     Parameters
     ----------
@@ -271,7 +269,7 @@ def axes_at(mount, az, el, limits, numbers):
         Radians.
     limits : AxisLimits
     numbers : ndarray of int, shape (n,)
-        Of the stars.
+        Numbers of the stars.
 
     Returns
     -------
@@ -286,7 +284,7 @@ def axes_at(mount, az, el, limits, numbers):
 
 
 def _stratified(az, el, n, min_el, max_el, rng):
-    """Rows of n stars, one in each of n equal cells of azimuth and sin(elevation)."""
+    """Rows of n stars, one in each of n equal-area cells of azimuth and sin(elevation)."""
     bands = max(1, round(np.sqrt(n / 2.0)))
     count = np.full(bands, n // bands)
     count[rng.permutation(bands)[: n % bands]] += 1
@@ -298,8 +296,8 @@ def _stratified(az, el, n, min_el, max_el, rng):
     cell = np.concatenate([[0], np.cumsum(count)])[band] + column
 
     basis = harmonics.basis(az, el)
-    # orthonormal over the sky, so that a millionth is small in every direction; einsum because
-    # the threads of a BLAS would keep a core of the other nodes busy
+    # orthonormal over the sky, so 1e-6 is small in every direction; einsum, since threads of
+    # a BLAS would block a core needed by other nodes
     gram = np.einsum('ij,ik->jk', basis, basis) / len(az) + 1e-9 * np.eye(basis.shape[1])
     basis = np.einsum('ij,kj->ik', basis, np.linalg.inv(np.linalg.cholesky(gram)))
     members = [np.flatnonzero(cell == k) for k in range(n)]
@@ -324,7 +322,7 @@ def _stratified(az, el, n, min_el, max_el, rng):
 
 
 def _fill(chosen, az, el):
-    """Give each cell without a star the one that is farthest from all chosen, in place."""
+    """Give each cell without a star the star farthest from all chosen ones, in place."""
     places = ALTAZ.direction(az, el).T
     have = chosen[chosen >= 0]
     nearness = (places @ places[have].T).max(axis=1) if len(have) else places @ places[0]
@@ -337,7 +335,7 @@ def _fill(chosen, az, el):
 
 @lru_cache(maxsize=8)
 def bright_stars(stars, mag_limit):
-    """Stars that are bright enough; kept, as a night asks for the same ones many times.
+    """Stars that are bright enough; cached, since a night requests the same ones many times.
 
     Parameters
     ----------
@@ -348,11 +346,11 @@ def bright_stars(stars, mag_limit):
     Returns
     -------
     rows : ndarray of int, shape (n,)
-        Of `stars`.
+        Rows of `stars`.
     bright : Stars
-        They alone.
+        These stars only.
     lonely : ndarray of bool, shape (n,)
-        Which of them have no neighbour that a camera could take for them.
+        Which of them have no neighbour that a camera could confuse with them.
     """
     rows = np.flatnonzero(stars.mag <= mag_limit)
     lonely = ~has_neighbour(stars, rows)
@@ -361,12 +359,12 @@ def bright_stars(stars, mag_limit):
 
 
 def has_neighbour(stars, rows):
-    """Which stars have another one beside them that a camera could take for them.
+    """Which stars have a neighbour that a camera could confuse with them.
 
     Parameters
     ----------
     stars : Stars
-        Neighbours are looked for among all of these.
+        All of these are possible neighbours.
     rows : ndarray of int, shape (n,)
         The stars in question.
 
@@ -380,7 +378,7 @@ def has_neighbour(stars, rows):
     out, least = np.zeros(len(rows), bool), np.cos(NEIGHBOUR_DISTANCE)
     if not len(rows):
         return out
-    # many of nearly the same declination at once, with all that may be beside them
+    # process many stars of similar declination together, with all their possible neighbours
     for part in np.array_split(np.argsort(stars.dec[rows]), len(rows) // 64 + 1):
         row = rows[part]
         beside = stars.dec[row[[0, -1]]] + [-NEIGHBOUR_DISTANCE, NEIGHBOUR_DISTANCE]

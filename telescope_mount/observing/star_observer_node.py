@@ -14,7 +14,7 @@
 
 """The star observer: points the mount at catalogue stars and publishes the pointing offsets.
 
-Here are parameters, topics and time; what is done is in `observing`, which knows no ROS.
+This module has parameters, topics and time; the work is done in `observing`, without ROS.
 """
 
 import json
@@ -51,36 +51,36 @@ from .star_observer_params import PARAMS
 #: services that the steps of a plan call
 SERVICES = ('home', 'power_cycle', 'absolute/power_cycle', 'calibrate_zero', 'fit', 'diagnose',
             'judge')
-#: on which the instruments are received
+#: topics of the instruments
 INSTRUMENT_TOPICS = {MOUNT: topics.INCREMENTAL, ABSOLUTE: topics.ABSOLUTE,
                      CAMERA: topics.MISS_DISTANCE}
-#: wall seconds after which a publisher is one, whether its node has a name or not
+#: wall seconds after which a publisher counts even if its node name is unknown
 NAMED_AFTER = 30.0
-#: elevation that no encoder reads, rad
+#: larger elevations are impossible encoder readings, rad
 HIGHEST = 1.75
-#: wall seconds in which a calibration that is there says what it knows: a latched message, that
-#: comes within a second of the match
+#: wall seconds in which an existing calibration reports what it knows: a latched message, which
+#: arrives within a second of the match
 ANSWERS_WITHIN = 10.0
 LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN,
           'cancelled': DiagnosticStatus.WARN}
-#: how steps of a plan are asked for, for who reads the status
+#: how to request steps of a plan, for readers of the status
 ASK = ('rcl_interfaces/srv/SetParametersAtomically, 20 stars: {parameters: [{name: stars, value: '
        '{type: 2, integer_value: 20}}]}')
-#: services that move the mount, or take its zero
+#: services that move the mount, or invalidate its zero
 MOVING = ('home', 'power_cycle')
 
 
 class StarObserver(MountNode):
-    """Runs the observing plan and publishes one row for every star measured.
+    """Runs the observing plan and publishes one row for each measured star.
 
     It is the outbox of its `observing.sequencer.Sequencer`.
     """
 
-    GATHER = 0.002  # of encoders at 1 kHz a few readings at once cost half
+    GATHER = 0.002  # handling a few 1 kHz readings together halves the cost
 
     def __init__(self, **kwargs):
         super().__init__('star_observer', PARAMS, hardware_id='observer', **kwargs)
-        # discovery comes in this order: who is matched with what follows can answer these
+        # discovery keeps this order: a node connected to the later topics can answer these services
         self._service_clients = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
         self._sky, self._mount = sky_of(self), mount_of(self)
         self._live = not self.value('use_sim_time')
@@ -97,8 +97,7 @@ class StarObserver(MountNode):
         self._instruments.look = self._look_at_publishers
         self._instruments.health.field = self.value('field_deg') * DEG
         self._table = NightMemory(self._mount, self.value(KEPT_POWER_ONS.name))
-        # before the camera: an exposure is always corrected with the same reading of the
-        # thermometer
+        # before the camera: an exposure is always corrected with the same temperature reading
         self._active = active_calibration_of(self, self._active_changed, self._mount)
         self._memory = NightFile(self.value('state_file'), self.value(KIND_OF_MOUNT.name))
         self._sequencer = Sequencer(self, self._instruments, self._active, self._table,
@@ -115,8 +114,8 @@ class StarObserver(MountNode):
             self.subscribe(topics.INCLINOMETER, self._on_lean)
         self.subscribe(topics.GUARD_STATUS, self._on_guard)
         self.subscribe(topics.COMMAND, self.guard.take_command)
-        self._crowded = {}  # instrument with several publishers -> since when, wall s
-        # a night that an observer before has begun; since when a calibration is silent, wall s
+        self._crowded = {}  # instrument with several publishers -> start of this state, wall s
+        # the night of an earlier observer; begin of the wait for a calibration, wall s
         self._handover = self._given = self._calibration_since = None
         self._calibration_known, self._has_rows, self._forgotten = False, False, 0
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
@@ -134,22 +133,22 @@ class StarObserver(MountNode):
         self.serve('~/cancel', self._on_cancel)
         if self.value('renew_request_s'):
             self.every(self.value('renew_request_s'), self._renew)
-            # live; else the time of the graph waits for events, and readings are ahead of it
+            # live only; otherwise graph time waits for events, and readings are ahead of it
             self._jumps = self.get_clock().create_jump_callback(JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-CLOCK_JUMP),
                 on_clock_change=False), post_callback=self._clock_back)
         self.every(0.5, self._look)
-        # steady: the observer must see a time-out while simulated time stands still
+        # steady clock: the observer must notice a time-out while simulated time stands still
         self.every(0.05, self._sequencer.advance)
 
     def check_together(self, values):
-        """The limits of elevation must leave some sky."""
+        """The elevation limits must leave some sky."""
         if values['min_elevation_deg'] >= values['max_elevation_deg']:
             raise ValueError(f'min_elevation_deg = {values["min_elevation_deg"]} must be below '
                              f'max_elevation_deg = {values["max_elevation_deg"]}')
 
     def parameters_changed(self, names):
-        """Take a new site or weather from the next exposure on; the mount stays on its pier."""
+        """Use a new site or weather from the next exposure on; the mount itself is unchanged."""
         self._sky = sky_of(self)
         self.guard.site_changed(self._sky[0])
         self._instruments.health.field = self.value('field_deg') * DEG
@@ -168,7 +167,7 @@ class StarObserver(MountNode):
             *self._joints(message, ABSOLUTE)[:2], self._power_ons[ABSOLUTE].of(message.header)))
 
     def _joints(self, message, instrument):
-        """As `convert.read_joints`, of this mount alone, on the turn of its axes."""
+        """See `convert.read_joints`; only for this mount, on the turn of its axes."""
         try:
             wanted, found = self._mount.names.keys, convert.joints_of(message.name)
             if found != wanted:
@@ -258,7 +257,7 @@ class StarObserver(MountNode):
         self._take_up()
 
     def _take_up(self):
-        """Go on with a night that was begun before this observer was started."""
+        """Resume a night that was begun before this observer was started."""
         if self._handover is None or self._given is None or len(self._table):
             return
         count, left = self._handover
@@ -285,10 +284,10 @@ class StarObserver(MountNode):
         why = 'a plan is under way' if self._sequencer.busy else self.guard.ends
         if not why:
             self._sequencer.start(plan, anew)
-            self._sequencer.publish()  # it is taken up, though it may be cancelled before it begins
+            self._sequencer.publish()  # accepted, even if cancelled before it begins
         return not why, why or answer.format(plan)
 
-    # --- messages out: what the sequencer asks for --------------------------------------------
+    # --- messages out: the outbox of the sequencer --------------------------------------------
 
     def sky(self):
         """Site and weather."""
@@ -299,36 +298,36 @@ class StarObserver(MountNode):
         return self._mount
 
     def now(self):
-        """ns."""
+        """Present time, ns."""
         return time.time_ns() if self._live else self.get_clock().now().nanoseconds
 
     def client(self, verb):
-        """Of a service."""
+        """Client of a service."""
         if verb in MOVING and self.value('renew_request_s'):
-            self.guard.withdraw()  # it moves the mount itself
+            self.guard.withdraw()  # the service moves the mount itself
         return self._service_clients[verb]
 
     def refuse_frame(self, reason):
-        """Count it."""
+        """Count an unusable frame."""
         self.reject(topics.MISS_DISTANCE.name, reason)
 
     def send_row(self, run, stamp):
-        """On `observation` and `offset`."""
+        """Publish on `observation` and `offset`."""
         self._observation_pub.publish(run_to_cloud(run, stamp))
         x, y = run.offsets()
         self._offset_pub.publish(convert.sky_vector(stamp, x[0], y[0]))
 
     def send_table(self, run, stamp):
-        """On `observations`."""
+        """Publish on `observations`."""
         self._observations_pub.publish(run_to_cloud(run, stamp))
 
     def send_checks(self, document):
-        """On `observer/checks`; their numbers with the feedback of the plan."""
+        """Publish on `observer/checks`; the numbers also go to the feedback of the plan."""
         self._checks_pub.publish(String(data=json.dumps(document)))
         self._plan_topics.results = figures_of(document)
 
     def send_status(self, progress, text):
-        """On `observer/status`."""
+        """Publish on `observer/status`."""
         least = DiagnosticStatus.WARN if self._sequencer.faults else DiagnosticStatus.OK
         self._status_pub.publish(convert.status(
             LEVELS.get(progress.state, least), self.get_fully_qualified_name(),
@@ -339,13 +338,13 @@ class StarObserver(MountNode):
     # --- diagnostics --------------------------------------------------------------------------
 
     def required(self):
-        """The plan needs the instruments, and a guard; its requests others hear too."""
+        """The plan needs the instruments and a guard; its requests have other subscribers, too."""
         instruments = map(INSTRUMENT_TOPICS.get, self._instruments.names)
         return {self.resolve_topic_name(topic.name) for topic in (
             topics.REQUEST, topics.GUARD_STATUS, *instruments)}
 
     def waiting_for(self):
-        """Instruments that are not there yet, and nodes that are not fully connected."""
+        """Missing instruments, and nodes that are not fully connected."""
         remedies = {topics.ABSOLUTE.name: ' (the mount has none: absolute_encoder: false)',
                     topics.GUARD_STATUS.name: f' ({NO_GUARD})'}
         missing = [text + next((remedy for name, remedy in remedies.items()
@@ -367,7 +366,7 @@ class StarObserver(MountNode):
         return missing
 
     def _calibration_is_silent(self):
-        """Whether one that could give a night back is there and has not spoken, for a time."""
+        """Whether a calibration that could return a night exists but has been silent for a time."""
         if self._calibration_known or not self.publisher_count(topics.CALIBRATION_TABLE):
             self._calibration_since = None
             return False
@@ -375,7 +374,7 @@ class StarObserver(MountNode):
         return time.monotonic() - self._calibration_since < ANSWERS_WITHIN
 
     def problems(self):
-        """What holds the plan up."""
+        """What delays the plan."""
         state, text = self._sequencer.progress.state, self._sequencer.text
         if state == 'failed':
             return [(DiagnosticStatus.ERROR, text)]

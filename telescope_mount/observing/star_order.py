@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""In which order to observe stars."""
+"""Order of the observation of stars."""
 
 import numpy as np
 
 from pointing_model.mounts import ALTAZ
 
-_TRIALS, _STEPS = 48, 300  # changed orders tried a step, steps
+_TRIALS, _STEPS = 48, 300  # orders tried per step, steps
 
 
 def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
-    """Order directions so that slews are short and approaches come from all sides.
+    """Order directions for short slews with approaches from all sides.
 
     Parameters
     ----------
@@ -30,11 +30,11 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
         Radians.
     rng : numpy.random.Generator
     start : (float, float), optional
-        Where the mount stands before the first, radians.
+        Present position of the mount, radians.
     way : callable
-        ``way(here, there)``: by how much the first axis turns.
+        ``way(here, there)``: signed turn of the first axis.
     slews : float
-        What their length counts beside all else; see `weight_of_slews`.
+        Weight of the slew length; see `weight_of_slews`.
 
     Returns
     -------
@@ -42,12 +42,12 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
 
     Notes
     -----
-    The shortest tour would go once around in azimuth: time, azimuth and the direction of approach
-    would then be one and the same, and so would a drift, an encoder error and a backlash. So
-    the order is searched (simulated annealing) that makes small the mean slew *and* the
-    correlations of time and of the sign of approach of each axis with each other and with
-    sin A, cos A and sin E, and that has both signs equally often. A slew turns the azimuth the
-    shorter way (a cable wrap is the mount's own concern) and both axes move at once.
+    The shortest tour goes once around in azimuth: time, azimuth and direction of approach would
+    be fully correlated, and so would a drift, an encoder error and backlash. So simulated
+    annealing minimises the mean slew *and* the correlations of time and of the sign of approach
+    of each axis with each other and with sin A, cos A and sin E, with both signs equally
+    frequent. A slew turns the azimuth the shorter way (cable wrap is handled by the mount) and
+    both axes move at once.
     """
     n = len(az)
     if n < 3:
@@ -55,8 +55,8 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
     place = _unit(np.stack([np.sin(az), np.cos(az), np.sin(el)], axis=1)).T.copy()
     line = np.linspace(-1.0, 1.0, n)
     clock = _unit(np.stack([line, line**2], axis=1))
-    # what a move from one star (row) to another tells and costs: signs of both axes, length;
-    # row n is the way from the start
+    # for a move from one star (row) to another: signs of both axes, and length; row n is the
+    # move from the start
     from_az = np.append(az, az[0] if start is None else start[0])[:, None]
     from_el = np.append(el, el[0] if start is None else start[1])[:, None]
     move = np.stack([way(from_az, az), el - from_el])
@@ -66,7 +66,7 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
     if start is None:
         length[n], sign[:, n] = 0.0, 0.0
     moves = np.concatenate([sign, length[np.newaxis]]).reshape(3, -1)
-    # with which both signs, and places, are summed: squared, that is correlation or one-sidedness
+    # projections of signs and places: their squares are correlation and imbalance
     along = np.concatenate([np.full((n, 1), 1.0 / np.sqrt(n)), clock], axis=1)
 
     def cost(order):
@@ -89,7 +89,7 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
     for temperature in np.geomspace(0.1, 0.001, _STEPS):
         ends = rng.integers(0, n, 2 * _TRIALS).reshape(2, _TRIALS, 1)
         i, j = np.minimum(*ends), np.maximum(*ends)
-        # a part of the order reversed, or its last star put first
+        # reverse a part of the order, or move its last star to the front
         turned = rng.random((_TRIALS, 1)) < 0.5
         changed = np.where(turned, i + j - index, before)
         changed[each, i[:, 0]] = j[:, 0]
@@ -108,27 +108,27 @@ def _unit(columns):
     return columns / (np.linalg.norm(columns, axis=0) + 1e-12)
 
 
-#: to settle, to expose and to centre, s
+#: settling, exposure and centring, s
 ON_A_STAR = 25.0
-#: slew between two stars of `observing_order`, with both ends, deg
+#: typical slew between two stars of `observing_order`, including acceleration, deg
 BETWEEN_STARS = 60.0
-#: beyond, time and place of the stars begin to be one
+#: larger weights make time and place of the stars nearly degenerate
 _MOST = 3.0
 
 
 def seconds_a_star(rate):
-    """What a star takes, s, of a mount that slews with `rate` deg/s.
+    """Time per star, s, for a mount that slews at `rate` deg/s.
 
-    For so long the stars chosen stay within the limits.
+    The chosen stars stay within the limits for this time.
     """
     return ON_A_STAR + BETWEEN_STARS / rate
 
 
 def weight_of_slews(rate):
-    """What their length counts in `observing_order`, of a mount with `rate` deg/s.
+    """Weight of the slew length in `observing_order`, for a mount that slews at `rate` deg/s.
 
-    1 where stars take longer than slews, else as many times as slews take longer, at most 3. Of
-    30 stars (twelve draws) 1, 2 and 3 lead to slews of 47, 42 and 37 deg, and to a correlation of
-    time or approach with place of 0.18, 0.23 and 0.23 in the mean; 5 to 32 deg and 0.33.
+    1 if exposures take longer than slews, else the ratio of slew to exposure time, at most 3. For
+    30 stars (twelve draws) weights 1, 2 and 3 give mean slews of 47, 42 and 37 deg, and mean
+    correlations of time or approach with place of 0.18, 0.23 and 0.23; 5 gives 32 deg and 0.33.
     """
     return min(max(BETWEEN_STARS / rate / ON_A_STAR, 1.0), _MOST)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which targets a step of the plan takes, under the conditions of now."""
+"""Targets of a step of the plan under present conditions."""
 
 import numpy as np
 
@@ -26,14 +26,14 @@ from .zero_method import ZeroChoice
 
 
 class StepTargets:
-    """Chosen among the stars of the catalogue, by the parameters of the observer.
+    """Chooses targets from the catalogue by the parameters of the observer.
 
     Parameters
     ----------
     outbox, instruments, active, table
-        As of a `sequencer.Sequencer`.
+        See `sequencer.Sequencer`.
     exposer : Exposer
-        Knows when the next exposure begins.
+        It gives the time of the next exposure.
     """
 
     def __init__(self, outbox, instruments, active, table, exposer):
@@ -42,31 +42,31 @@ class StepTargets:
 
     @property
     def stars(self):
-        """The catalogue, two magnitudes deeper: neighbours which would disturb are known."""
+        """The catalogue, two magnitudes deeper to include disturbing neighbours."""
         return load_catalogue(mag_limit=self._out.value('magnitude_limit') + 2.0)
 
     @property
     def polaris(self):
-        """The target."""
+        """Polaris as a target."""
         return StarTarget(load_catalogue(hip=[POLARIS_HIP]))
 
     def limits(self):
-        """Of the axes, `AxisLimits`."""
+        """Limits of the axes, `AxisLimits`."""
         return AxisLimits.of(self._out.value, self._out.guard.allowed)
 
     def all_over_the_sky(self, count, block, exclude, stay_up=True, between=(0.0, 90.0)):
-        """So many targets, in observing order.
+        """`count` targets, in observing order.
 
         Parameters
         ----------
         count, block : int
-            Block of the plan: each has other stars.
+            Number of targets, and block of the plan: each block has other stars.
         exclude : sequence of int
-            Numbers of stars that are not taken.
+            Numbers of stars to exclude.
         stay_up : bool
-            They stay within the limits until all are observed.
+            Whether they stay within the limits until all are observed.
         between : (float, float)
-            No lower and no higher, deg, as far as the limits leave it.
+            Preferred range of elevation, deg, as far as the limits permit.
         """
         value = self._out.value
         lowest, highest = value('min_elevation_deg'), value('max_elevation_deg')
@@ -82,7 +82,7 @@ class StepTargets:
         return [StarTarget(self.stars.select([row])) for row in rows]
 
     def for_zero(self, evening):
-        """What to expose for a zero, a `ZeroChoice`; the night began at `evening`, ns."""
+        """Exposures to set a zero, a `ZeroChoice`; the night began at `evening`, ns."""
         return ZeroChoice(
             self.stars, self._table, self._exposer.now() * 1e-9, *self._out.sky(),
             mount=self._out.mount(), axes=self.limits(), model=self._active.model,
@@ -92,7 +92,7 @@ class StepTargets:
             a_star=seconds_a_star(self._out.value('slew_rate_deg_s')))
 
     def check_polaris(self):
-        """Refuse a plan with Polaris where it gives no zero."""
+        """Refuse a plan with Polaris if it cannot give a zero."""
         self.check_height(self.polaris, 'Polaris', 'set the zero on stars (zero_on_stars)')
         time, mount = np.array([self._exposer.now() * 1e-9]), self._out.mount()
         place = self.polaris.place(time, *self._out.sky())

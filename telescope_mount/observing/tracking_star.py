@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The star to look at next: what it is expected to tell, for the time it takes.
+"""Choice of the next star: expected information per time.
 
-What a star will tell does not depend on what it shows: the covariance after it follows from where
-it stands (Fedorov 1972, Theory of optimal experiments). A star is rated by how much the mean
-square pointing error over the places that matter falls, for each second of slew and exposure.
+The information in a star does not depend on its measured value: the covariance after it follows
+from its place (Fedorov 1972, Theory of optimal experiments). A star is rated by the decrease of the
+mean square pointing error over the places that matter, per second of slew and exposure.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from pointing_model.rms import rms
 
 @dataclass(frozen=True)
 class SlewTime:
-    """How a mount slews: both axes at once, each at its rate, and then it settles.
+    """Slew model of a mount: both axes move at once, each at its rate, and then settle.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class SlewTime:
     settle_s: float = 3.0
 
     def seconds(self, mount, here, there):
-        """How long a slew takes.
+        """Duration of a slew.
 
         Parameters
         ----------
@@ -63,7 +63,7 @@ class SlewTime:
         longest = 0.0
         for way, rate in zip(ways, self.rates):
             way = np.abs(way)
-            ramp = rate**2 / self.acceleration  # way of speeding up and slowing down
+            ramp = rate**2 / self.acceleration  # distance to accelerate and brake
             longest = np.maximum(longest, np.where(
                 way < ramp, 2.0 * np.sqrt(way / self.acceleration),
                 way / rate + rate / self.acceleration))
@@ -72,18 +72,18 @@ class SlewTime:
 
 @dataclass(frozen=True)
 class NextStar:
-    """A star that was chosen.
+    """A chosen star.
 
     Attributes
     ----------
     row : int
-        Of the candidates.
+        Row of the candidates.
     seconds : float
-        Of slew and exposure.
+        Seconds of slew and exposure.
     before, after : float
-        Radial RMS over the places that matter when it is done, without it and with it, rad.
+        Radial RMS over the places that matter at its end, without it and with it, rad.
     gains : dict of str to float
-        By what part each term's variance falls, the most first.
+        Relative decrease of each term's variance, the largest first.
     """
 
     row: int
@@ -93,7 +93,7 @@ class NextStar:
     gains: dict
 
     def sentence(self):
-        """Why, for people."""
+        """Reason for the choice, for people."""
         terms = ', '.join(f'{name} {100 * gain:.0f} %' for name, gain in
                          list(self.gains.items())[:3] if gain > 0.05)
         return (f'{self.seconds:.0f} s: takes the expected error from '
@@ -103,26 +103,26 @@ class NextStar:
 
 def next_star(tracker, az, el, here, everywhere, waited=0.0, *, sigma, exposure_s=10.0, slew=None,
               allowed=None):
-    """The star that helps most for its time.
+    """The star with the largest decrease of the error per time.
 
     Parameters
     ----------
     tracker : Tracker
     az, el : ndarray, shape (n,)
-        Candidates by the axes of the mount, rad.
+        Candidates in the axes of the mount, rad.
     here : (float, float)
-        Where the axes are, rad.
+        Present axis angles, rad.
     everywhere : (ndarray, ndarray), shape (p,)
         Places where the pointing matters, rad.
     waited : float
-        Since the last observation, s.
+        Seconds since the last observation.
     sigma : float or ndarray, shape (n,)
         1 sigma of each star in x and y, rad.
     exposure_s : float
-        With readout and centring.
+        Including readout and centring.
     slew : SlewTime, optional
     allowed : ndarray of bool, shape (n,), optional
-        Above the horizon, within limits, off the Sun; all by default.
+        Above the horizon, within limits, away from the Sun; by default all.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def next_star(tracker, az, el, here, everywhere, waited=0.0, *, sigma, exposure_
     Raises
     ------
     ValueError
-        No candidate that is allowed.
+        No candidate is allowed.
     """
     az, el = (np.asarray(v, float) for v in (az, el))
     rows = np.flatnonzero(np.ones(len(az), bool) if allowed is None else allowed)
@@ -158,7 +158,7 @@ def next_star(tracker, az, el, here, everywhere, waited=0.0, *, sigma, exposure_
 
 
 def error_over(tracker, everywhere, seconds_ahead=0.0):
-    """Radial RMS that is expected over some places after some time, rad.
+    """Expected radial RMS over some places after some time, rad.
 
     Parameters
     ----------
@@ -166,18 +166,18 @@ def error_over(tracker, everywhere, seconds_ahead=0.0):
     everywhere : (ndarray, ndarray), shape (p,)
         rad.
     seconds_ahead : float
-        Since the last observation.
+        Seconds since the last observation.
     """
     return rms(tracker.expected(*everywhere, seconds_ahead).radial)
 
 
 def until(tracker, everywhere, goal, most_s=7200.0):
-    """How long the pointing stays better than a goal without a star.
+    """How long the pointing stays better than a goal without another star.
 
     Parameters
     ----------
     tracker, everywhere
-        As of `error_over`.
+        See `error_over`.
     goal : float
         Radial RMS, rad.
     most_s : float
@@ -185,7 +185,7 @@ def until(tracker, everywhere, goal, most_s=7200.0):
     Returns
     -------
     float
-        Seconds since the last observation; 0 where it is not even now, at most `most_s`.
+        Seconds since the last observation; 0 if it is worse already, at most `most_s`.
     """
     low, high = 0.0, most_s
     if error_over(tracker, everywhere, low) >= goal:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The step `track`: the expected error of a model is held below a goal, with few stars."""
+"""The step `track`: keep the expected error of a model below a goal, with few stars."""
 
 from types import SimpleNamespace
 
@@ -26,17 +26,17 @@ from pointing_model.rms import rms
 
 from .tracking_star import SlewTime, error_over, next_star, until
 
-#: stars among which it chooses, and what a star takes beside its slew and exposure, s
+#: number of candidate stars, and time per star besides slew and exposure, s
 CANDIDATES, EXPOSURE = 40, 10.0
-#: no star is waited for longer, s: what jumps is only seen by a star
+#: longest wait for a star, s: a jump shows only with a star
 LONGEST_WAIT = 1800.0
-#: the pointing is held within this part of the goal: the star that mends it takes its time too
+#: the error is kept below this fraction of the goal, since the next star takes time, too
 RESERVE = 0.9
 _MINUTE = 60_000_000_000  # ns
 
 
 def hold_error(night, step):
-    """Steps that take the star that helps most, when the expected error asks for one.
+    """Steps that observe the most useful star whenever the expected error requires it.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def hold_error(night, step):
     Returns
     -------
     str
-        What has come of it.
+        The outcome.
     """
     exposer, table, active = night.exposer, night.table, night.active
 
@@ -55,7 +55,7 @@ def hold_error(night, step):
 
     end, before = exposer.now() + step.count * _MINUTE, len(table)
     if active.model is not None and not tracked():
-        yield from night.observe_fresh(1)  # with it a model that was fitted is tracked
+        yield from night.observe_fresh(1)  # starts the tracking of a fitted model
     while True:
         yield from night.calibration_has_all()
         newest = table.newest
@@ -85,19 +85,19 @@ def hold_error(night, step):
 
 
 def _places(night, stars):
-    """By the axes, rad, shape (2, n)."""
+    """Axis angles of stars, rad, shape (2, n)."""
     now, mount = np.array([night.exposer.now() * 1e-9]), night.out.mount()
     return np.array([mount.axes_of(*(v[0] for v in star.place(now, *night.out.sky())))
                      for star in stars]).T
 
 
 class TrackedModel:
-    """What `next_star` asks of a filter, from the model that it publishes.
+    """The filter interface needed by `next_star`, from the published model.
 
     Parameters
     ----------
     model : PointingModel
-        Of a calibration in mode ``track``.
+        From a calibration in mode ``track``.
 
     Attributes
     ----------
@@ -107,12 +107,12 @@ class TrackedModel:
     noise : float
         1 sigma of a star along x or y, rad.
     stamp : int
-        Of the last star, ns.
+        Stamp of the last star, ns.
 
     Raises
     ------
     ValueError
-        It is of none, or damaged.
+        Not a tracked model, or damaged.
     """
 
     def __init__(self, model):
@@ -130,15 +130,15 @@ class TrackedModel:
         self._covariance, self._walk = np.asarray(model.covariance), np.square(walks)
 
     def columns(self, az, el):
-        """Of the terms at places of the axes, shape (p, 2, k)."""
+        """Design columns of the terms at axis angles, shape (p, 2, k)."""
         return np.stack(design(self.states, az, el, self.mount), axis=1)
 
     def ahead(self, seconds):
-        """Covariance of the terms so long after the last star, shape (k, k)."""
+        """Covariance of the terms this long after the last star, shape (k, k)."""
         return self._covariance + np.diag(self._walk * seconds / 3600.0)
 
     def expected(self, az, el, seconds_ahead=0.0):
-        """With an attribute ``radial``: expected error at places, rad, shape (p,)."""
+        """Expected error at places, in the attribute ``radial``, rad, shape (p,)."""
         columns = self.columns(np.atleast_1d(az), np.atleast_1d(el))
         return SimpleNamespace(radial=np.sqrt(np.einsum(
             'pij,jk,pik->p', columns, self.ahead(seconds_ahead), columns)))

@@ -12,47 +12,47 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Jumps of an encoder's zero amid a power-on, told from its readings as they come."""
+"""Detects jumps of an encoder's zero during a power-on, from its readings."""
 
 import math
 from collections import deque
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
-#: least jump, rad; what an axis can do within a sample by its acceleration, rad/s^2, is none
+#: least jump, rad; smaller than the axis' acceleration, rad/s^2, explains within a sample: no jump
 LEAST_JUMP, ACCELERATION = 60.0 * ARCSEC, 3.0 * DEG
-#: of the jump: by how much the steps before and after it may differ, and the axis miss its track
+#: fraction of the jump by which steps before and after may differ, and the axis miss its track
 STEADY = 0.2
 
 
 class ZeroJumps:
-    """Readings of an encoder, one after the other.
+    """Consecutive readings of an encoder.
 
     Parameters
     ----------
     own_zero : bool
-        Its zero is another than that of where the axes are to be.
+        Its zero differs from that of the demand.
     """
 
     def __init__(self, own_zero=False):
         self._last, self._own_zero = deque(maxlen=4), own_zero
 
     def take(self, stamp, angles, demand):
-        """Take a reading.
+        """Add a reading.
 
         Parameters
         ----------
         stamp : int
             ns.
         angles : sequence of float, length 2
-            rad; of an axis without a reading NaN.
+            rad; NaN for an axis without a reading.
         demand : callable
-            Of a stamp, where the axes are to be, rad, shape (2,); None where nobody knows.
+            Stamp -> intended axis angles, rad, shape (2,); None if unknown.
 
         Returns
         -------
         (int, float) or None
-            The axis, and by how much its zero jumped at the reading before, rad.
+            The axis, and the jump of its zero at the previous reading, rad.
         """
         if not any(map(math.isfinite, angles)) or self._last and stamp <= self._last[-1][0]:
             self._last.clear()
@@ -75,7 +75,7 @@ class ZeroJumps:
         return None
 
     def _leaves(self, demand, axis, jump):
-        """Whether the axis was on its track before, and is beside it by the jump."""
+        """Whether the axis was on its track before, and is off by the jump afterwards."""
         way = []
         for stamp, *place in (self._last[1], self._last[2]):
             there = demand(stamp)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Of a night that is under way: by which way its zero is set, and by which stars."""
+"""During a night: by which method to set the zero, and with which stars."""
 
 from typing import NamedTuple
 
@@ -28,30 +28,30 @@ from pointing_model.zero_held_terms import BROAD, is_a_model
 from .star_choice import ANYWHERE, axes_at
 from .zero_stars import Before, zero_sigma, zero_stars
 
-#: without a model the stars are wanted again in the next power-on: they stay up so long, s
+#: without a model the same stars are needed in the next power-on: they stay up this long, s
 _AGAIN = 1800.0
-#: Polaris is well up where the zero that it gives has at most so many times the sigma that stars
-#: give, of either axis
+#: Polaris is usable if the sigma of its zero is at most this multiple of that from stars, on both
+#: axes
 WELL_UP = 2.0
 
 
 class ZeroMethod(NamedTuple):
-    """By which way to set a zero, and why, in words."""
+    """Method to set a zero, and the reason in words."""
 
     polaris: bool
     why: str
 
 
 def way_to_zero(polaris, stars, *, lowest, highest):
-    """Whether Polaris is well up.
+    """Choose between Polaris and stars.
 
     Parameters
     ----------
     polaris : tuple
-        Elevation of Polaris from begin to end, ndarray, radians; and the sigma of the zeros that
-        it would give, shape (2,), radians.
+        Elevation of Polaris from begin to end, ndarray, radians; and the sigma of its zeros,
+        shape (2,), radians.
     stars : ndarray, shape (2,), or None
-        As chosen stars would; None where there are none.
+        The same for chosen stars; None if there are none.
     lowest, highest : float
         Limits of elevation, radians.
 
@@ -76,14 +76,14 @@ def way_to_zero(polaris, stars, *, lowest, highest):
 
 
 class ZeroExposures(NamedTuple):
-    """What to expose for a zero.
+    """Exposures to set a zero.
 
     Attributes
     ----------
     targets : list of StarTarget
-        One an exposure, in order.
+        One per exposure, in order.
     by, words : str
-        The way, and what is chosen and why, for people.
+        The method, and the choice with its reason, for people.
     """
 
     targets: list
@@ -91,14 +91,14 @@ class ZeroExposures(NamedTuple):
     words: str
 
     def expose(self, observe, table):
-        """Steps that expose them; a star that is not there leaves its exposures to the others.
+        """Steps that expose them; exposures of a star not found go to the other stars.
 
         Parameters
         ----------
         observe : callable
-            Gives the steps of one exposure of a target.
+            Returns the steps of one exposure of a target.
         table : NightMemory
-            Has a row more after one that shows the star.
+            It gets another row if the star was found.
         """
         left = list(self.targets)
         while left:
@@ -110,32 +110,32 @@ class ZeroExposures(NamedTuple):
 
 
 class ZeroChoice:
-    """The conditions under which a zero is to be set.
+    """Conditions for setting a zero.
 
     Parameters
     ----------
     stars : Stars
-        The catalogue, as of `zero_stars.zero_stars`.
+        The catalogue, see `zero_stars.zero_stars`.
     table : NightMemory
         Rows of the night so far.
     time : float
-        Now, UTC s.
+        Present time, UTC s.
     site, weather : Site, Weather
     mount : Mount
     axes : star_choice.AxisLimits
-        How far its axes turn.
+        Limits of its axes.
     model : PointingModel or None
-        Active.
+        Active model.
     run : int
         Number of the power-on.
     evening : int
         Begin of the night, ns.
     here : ndarray, shape (2,)
-        Where the encoders stand, radians.
+        Present encoder angles, radians.
     limits : sequence of float
         Lowest and highest elevation, deg, and faintest magnitude.
     a_star : float
-        What an exposure takes at most, s.
+        Largest time per exposure, s.
     """
 
     def __init__(self, stars, table, time, site, weather, *, mount=ALTAZ, axes=ANYWHERE,
@@ -155,7 +155,7 @@ class ZeroChoice:
     # --- which way ----------------------------------------------------------------------------
 
     def way(self, n):
-        """By Polaris or by stars, a `ZeroMethod`; `n` exposures."""
+        """Polaris or stars, a `ZeroMethod`; for `n` exposures."""
         star = load_catalogue(hip=[POLARIS_HIP])
         place = observed_place(star, self._time, self._site, self._weather)
         if not np.all(self._reach.permitted(self._mount, *place, self._time, star.hip)):
@@ -169,7 +169,7 @@ class ZeroChoice:
             polaris = not any(row.get(MARK) for row in rows)
             if not polaris or self._low <= heights.min() <= heights.max() <= self._high:
                 return ZeroMethod(polaris, why)
-        # without a model what is held cancels in the change, if it is the same then
+        # without a model the held terms cancel in the change if they are the same
         held = {'model': self._model, 'mount': self._mount, 'held': is_a_model(self._model)}
         own = zero_sigma(first, second, **held)
         return way_to_zero((heights, own), self._star_sigma(n, held), lowest=self._low,
@@ -183,7 +183,7 @@ class ZeroChoice:
         return zero_sigma(*self._axes(np.repeat(chosen.rows, chosen.counts), self._stars), **held)
 
     def _polaris(self, star, n):
-        """Elevations from begin to end, and the axis angles of `n` exposures."""
+        """Elevations from begin to end, and axis angles of `n` exposures."""
         times = self._time + np.array([0.0, 0.5, 1.0]) * n * self._a_star
         heights = np.array([observed_place(star, t, self._site, self._weather)[1][0]
                             for t in times])
@@ -212,12 +212,12 @@ class ZeroChoice:
                 without and not self._earlier), start=self._here)
 
     def stars(self, n):
-        """Which stars to expose, `ZeroExposures`.
+        """The stars to expose, `ZeroExposures`.
 
         Parameters
         ----------
         n : int
-            Exposures.
+            Number of exposures.
 
         Raises
         ------

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which stars to expose for a zero, and how often each.
+"""Chooses stars to set a zero, and the number of exposures of each.
 
-What an exposure says of the zeros is falsified by what the other terms are off: the covariance of
-what is held counts (generalised least squares), beside the noise of the exposures. So the best
-stars are not simply low ones. They are chosen by a greedy choice and exchanges (Fedorov) that make
-the variances of both zeros small, their product (D_s-optimal). Without a model a
-night wants the change from power-on to power-on, in which what is held cancels where the same stars
-are exposed again: then the variances of that, which are those of the noise alone, count more.
+Errors of the other terms bias the zeros, so the covariance of the held terms counts (generalised
+least squares) besides the noise of the exposures. Low stars are therefore not always the best. A
+greedy choice with exchanges (Fedorov) minimises the product of the variances of both zeros
+(D_s-optimal design). Without a model a night needs the change between power-ons, in which held
+terms cancel if the same stars are exposed again: the variances of this change, due to noise alone,
+then count more.
 """
 
 from typing import NamedTuple
@@ -35,20 +35,20 @@ from pointing_model.zero_held_terms import Held, is_a_model, zero_columns
 
 from .star_choice import ANYWHERE, axes_at, observable
 
-#: noise of an exposure on the sky an axis, rad. The choice depends on its ratio to the errors of
-#: what is held alone, and little on that
+#: noise of an exposure on the sky per axis, rad. The choice depends only weakly on its ratio to the
+#: errors of the held terms
 NOISE = 1.0 * ARCSEC
-#: different stars: a slew costs what several exposures do, and where four stars are much alike in
-#: what the model leaves there, that is taken for the zero
+#: number of different stars: a slew costs as much as several exposures, and errors common to four
+#: similar stars are mistaken for the zero
 FEWEST, MOST = 4, 8
-#: more different stars are taken where they make a sigma smaller by so much
+#: more different stars are taken if they reduce a sigma by this factor
 _WORTH = 1.05
 _PASSES = 4
-#: how much the change counts in a night without a model: with 16, sixteen exposures give it with
-#: 1.25 times the sigma of Polaris at +34 deg, and the zeros themselves with 1.6 times their best;
-#: with 4 it is 1.35 and 1.1 (benchmarks/zero_on_stars.py)
+#: weight of the change in a night without a model: with 16, sixteen exposures give it with 1.25
+#: times the sigma of Polaris at +34 deg, and the zeros themselves with 1.6 times their best; with 4
+#: it is 1.35 and 1.1 (benchmarks/zero_on_stars.py)
 _CHANGE_COUNTS = 16.0
-_UNKNOWN = 1.0 * DEG  # of a zero, before: wider than any
+_UNKNOWN = 1.0 * DEG  # prior sigma of a zero: wider than any
 
 
 class ZeroStars(NamedTuple):
@@ -57,12 +57,12 @@ class ZeroStars(NamedTuple):
     Attributes
     ----------
     rows : ndarray of int, shape (g,)
-        Of the candidates, in observing order.
+        Rows of the candidates, in observing order.
     counts : ndarray of int, shape (g,)
-        Exposures of each.
+        Number of exposures of each.
     sigma : ndarray, shape (2,)
-        Of the zeros of both axes that are to be expected, radians; with exposures before, of how
-        they have changed since.
+        Expected sigma of the zeros of both axes, radians; with earlier exposures that of their
+        change since then.
     """
 
     rows: np.ndarray
@@ -71,15 +71,15 @@ class ZeroStars(NamedTuple):
 
 
 class Before(NamedTuple):
-    """Exposures that have been made already.
+    """Exposures already made.
 
     Attributes
     ----------
     az, el : ndarray, shape (n,)
-        Catalogue place by the axes of the mount, radians.
+        Catalogue place in the axes of the mount, radians.
     current : ndarray of bool, shape (n,)
-        Whether they are of the power-on whose zero is wanted, or of another one, since which its
-        change is wanted.
+        Whether they are of the power-on whose zero is needed; otherwise of another one, since
+        which the change is needed.
     """
 
     az: np.ndarray
@@ -88,18 +88,18 @@ class Before(NamedTuple):
 
 
 def exposure_noise(up):
-    """Relative noise of exposures at an elevation: the image moves with the root of the air mass.
+    """Relative noise of exposures at an elevation: image motion grows as root of the air mass.
 
     Parameters
     ----------
     up : ndarray
-        Elevation, radians, whatever the mount.
+        Elevation, radians, for any mount.
     """
     return 1.0 / np.sqrt(np.maximum(np.sin(up), 0.05))
 
 
 class _NormalMatrices:
-    """Normal matrices of (zeros now, zeros before, held directions) in seconds of arc."""
+    """Normal matrices of (present zeros, earlier zeros, held directions) in seconds of arc."""
 
     def __init__(self, held, before=None, change_too=False):
         self._held = held
@@ -113,10 +113,10 @@ class _NormalMatrices:
                 before.az, before.el, np.where(before.current, 0, 1))
             if not before.current.all():
                 self.want[:, 2:4] = -np.eye(2)
-                self._change_too = False  # it is what is wanted
+                self._change_too = False  # it is needed already
 
     def columns(self, az, el, group=0):
-        """Of exposures, shape (n, 2, k), in units of their noise."""
+        """Design columns of exposures, shape (n, 2, k), in units of their noise."""
         held = self._held
         zeros = zero_columns(az, el, held.mount)
         rest = held.columns(az, el) / ARCSEC
@@ -135,13 +135,13 @@ class _NormalMatrices:
         return columns.T @ columns
 
     def costs(self, normal, weighted):
-        """Log of the variances of both zeros with each exposure more, shape (m,).
+        """Log of the variances of both zeros after adding each exposure, shape (m,).
 
         Parameters
         ----------
         normal : ndarray, shape (k, k)
         weighted : ndarray, shape (m, 2, k)
-            Columns of each.
+            Columns of each exposure.
         """
         out = np.log(_variances(normal, self.want, weighted)).sum(axis=1)
         if self._change_too:
@@ -151,14 +151,14 @@ class _NormalMatrices:
         return out
 
     def sigma(self, normal):
-        """Of the zeros that are wanted, shape (2,), radians."""
+        """Sigma of the required zeros, shape (2,), radians."""
         return np.sqrt(np.diag(self.want @ np.linalg.inv(normal) @ self.want.T)) * ARCSEC
 
 
 def _variances(normal, want, weighted):
-    """Of combinations `want` (w, k) with two rows (m, 2, k) more each time, shape (m, w)."""
+    """Variances of combinations `want` (w, k) with two more rows (m, 2, k) each, shape (m, w)."""
     inverse = np.linalg.inv(normal)
-    # products of small matrices by the thousand: whole columns are five times as quick
+    # for thousands of small matrices, whole columns are five times faster
     along = (weighted.reshape(-1, len(inverse)) @ inverse).reshape(weighted.shape)
     first, second = along[:, 0], along[:, 1]
     a = 1.0 + np.einsum('mj,mj->m', first, weighted[:, 0])
@@ -170,24 +170,24 @@ def _variances(normal, want, weighted):
 
 
 def zero_sigma(az, el, *, model=None, mount=ALTAZ, held=True, before=None):
-    """Sigma that a zero from some exposures is to be expected to have.
+    """Expected sigma of a zero from some exposures.
 
     Parameters
     ----------
     az, el : ndarray, shape (n,)
-        Catalogue place of each exposure by the axes of the mount, radians.
+        Catalogue place of each exposure in the axes of the mount, radians.
     model : PointingModel, optional
-        What is held: see `zero_held_terms.Held`.
+        Held terms: see `zero_held_terms.Held`.
     mount : Mount, optional
-        Where no model gives it.
+        Used if no model gives it.
     held : bool
-        Whether errors of what is held count.
+        Whether errors of the held terms count.
     before : Before, optional
 
     Returns
     -------
     ndarray, shape (2,)
-        Of both axes (the coordinate angle), radians.
+        For both axes (coordinate angles), radians.
     """
     what = Held(model, mount) if held else Held.certain(mount if model is None else model.mount)
     design = _NormalMatrices(what, before)
@@ -196,27 +196,27 @@ def zero_sigma(az, el, *, model=None, mount=ALTAZ, held=True, before=None):
 
 def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), start=None,
                   most=MOST):
-    """Choose among places those whose exposures determine the zeros best.
+    """Choose the places whose exposures determine the zeros best.
 
     Parameters
     ----------
     az, el : ndarray, shape (m,)
-        Candidates: catalogue places by the axes of the mount, radians.
+        Candidates: catalogue places in the axes of the mount, radians.
     n : int
-        Exposures.
+        Number of exposures.
     model : PointingModel, optional
-        What is held, with its covariance; without one each of the other terms within
+        Held terms, with their covariance; by default each of the other terms within
         `zero_held_terms.BROAD`.
     mount : Mount, optional
-        Where no model gives it.
+        Used if no model gives it.
     before : Before, optional
-        Exposures that count with those to come.
+        Earlier exposures that are used, too.
     keep : sequence of int
-        Candidates that are taken whatever is better (those of the power-on before).
+        Candidates that must be taken (those of the previous power-on).
     start : (float, float), optional
-        Axis angles where the mount stands, radians.
+        Present axis angles of the mount, radians.
     most : int
-        Different stars.
+        Largest number of different stars.
 
     Returns
     -------
@@ -225,13 +225,13 @@ def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), s
     Raises
     ------
     ValueError
-        No candidate.
+        No candidates.
     """
     if not len(az):
         raise ValueError('no star to set a zero by')
     design = _NormalMatrices(Held(model, mount), before, change_too=not is_a_model(model))
     columns = design.columns(az, el)
-    # twice each, so that their scatter gives the noise
+    # at least two exposures each, to estimate the noise from their scatter
     most = min(most, max(n // 2, 1), len(az))
     keep = list(keep)[:most]
     best = None
@@ -247,7 +247,7 @@ def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), s
 
 
 def _exchanged(design, columns, n, count, keep):
-    """Rows of `count` candidates, with n / count exposures each."""
+    """Rows of `count` candidates, for n / count exposures each."""
     share = n / count
     weighted = columns * np.sqrt(share)
 
@@ -277,7 +277,7 @@ def _exchanged(design, columns, n, count, keep):
 
 
 def _exposures(design, columns, rows, n):
-    """How many exposures of each: one each (or, if there are enough, two), then where they help."""
+    """Number of exposures for each: one (or two if possible), then more where they help most."""
     grams = np.einsum('ncj,nck->njk', columns[rows], columns[rows])
     counts = np.full(len(rows), min(2, n // len(rows)))
     normal = design.base + np.tensordot(counts, grams, 1)
@@ -289,7 +289,7 @@ def _exposures(design, columns, rows, n):
 
 
 def _short_way(az, el, mount, start):
-    """Order with short moves of the axes, each time to the nearest."""
+    """Order with short moves of the axes: always to the closest star."""
     az, el = mount.on_travel(np.asarray(az, float), np.asarray(el, float))
     left = list(range(len(az)))
     here = (az[0], el[0]) if start is None else start
@@ -311,36 +311,36 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     Parameters
     ----------
     stars : Stars
-        The catalogue. Load it two magnitudes deeper than `mag_limit`, so that disturbing
-        neighbours are known.
+        The catalogue. Load it two magnitudes deeper than `mag_limit`, to include disturbing
+        neighbours.
     time : float
         Begin of the exposures, UTC seconds since 1970-01-01.
     n : int
-        Exposures.
+        Number of exposures.
     site, weather : Site, Weather
     mount : Mount
     model : PointingModel, optional
-        What is held: see `choose_places`.
+        Held terms: see `choose_places`.
     before : Before, optional
     prefer : sequence of int
-        Hipparcos numbers that are taken again where they are up: of the power-on before.
+        Hipparcos numbers to take again if they are up: from the previous power-on.
     exclude : sequence of int
-        Hipparcos numbers that must not be taken: those that fits are judged by.
+        Hipparcos numbers to exclude: stars for validation.
     min_el, max_el : float
         Limits of observed elevation, radians.
     mag_limit : float
         Faintest magnitude Hp.
     duration : float
-        Seconds that the exposures take: a star stays within the limits so long.
+        Duration of the exposures, s: a star stays within the limits for this time.
     start : (float, float), optional
-        Axis angles where the mount stands, radians.
+        Present axis angles of the mount, radians.
     limits : star_choice.AxisLimits
-        Of the axes; `max_el` is then as of `star_choice.choose_stars`.
+        Limits of the axes; for `max_el` see then `star_choice.choose_stars`.
 
     Returns
     -------
     ZeroStars
-        Its rows are those of `stars`. Polaris is none of them.
+        Its rows are rows of `stars`. Polaris is never included.
 
     Raises
     ------
