@@ -20,6 +20,7 @@ ALPHA = 0.01
 #: unknown period; curves. False alarms overlap and the tests are conservative: the total stays
 #: below the family-wise error (measured, benchmarks/diagnosis.py).
 SHARES = {'dictionary': 0.45, 'scans': 0.45, 'periods': 0.15, 'curves': 0.18}
-#: share of the likelihood-ratio test against correlated noise, for either share of the dictionary:
-#: for groups not significant against the estimated noise, on nights with correlated noise
+#: share of the likelihood-ratio test of groups that are not significant against the estimated
+#: correlated noise, for either share of the dictionary: limits the part of nights with such noise
+#: that get a false effect by this test
 MEMORY_SHARE = 0.75

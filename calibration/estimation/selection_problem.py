@@ -42,6 +42,7 @@ class SelectionProblem:
         Offsets, radians.
     inverse_sigma : ndarray, shape (2n,), or None
     dictionary, curves : CandidateBank
+        Named effects; smooth curves of a driver, whose causes are unknown.
     sequence : Sequence, optional
         Order of the rows, for noise correlated along it; without it the noise is white.
     variants : object, optional
@@ -104,7 +105,7 @@ class SelectionProblem:
     def part(self, rows):
         """The problem of some rows for a new search: places and periods are not those of all rows.
 
-        Curves are offered only if all rows together have found one.
+        Curves are offered only if the search of all rows has found one.
         """
         curves = self.curves if self.curves.by_chance else CandidateBank.empty(self.n)
         out = replace(self, curves=curves).rows(rows)
