@@ -43,7 +43,8 @@ class CameraDriver(Node):
         message.header.stamp = Time(nanoseconds=round(middle * 1e9)).to_msg()
         # star - boresight; nan where no star was measured: say so, do not fall silent
         message.vector.x, message.vector.y = radians(right / 3600), radians(-up / 3600)
-        self.publisher.publish(message)
+        if rclpy.ok():  # it may be ended amid an exposure
+            self.publisher.publish(message)
 
 
 rclpy.init()

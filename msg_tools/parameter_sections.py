@@ -105,9 +105,13 @@ def check_files(node, words):
     """
     name = node.rpartition('/')[2]
     for option, path in zip(words, words[1:]):
-        if option != '--params-file' or not Path(path).is_file():
-            continue  # rcl says so
-        meant = [section for section in sections(path)
+        if option != '--params-file':
+            continue
+        try:
+            found = sections(path)
+        except (ValueError, OSError):  # as rcl says, or a file of launch with tuples of Python
+            continue
+        meant = [section for section in found
                  if get_close_matches(section.rpartition('/')[2], [name], 1, ALIKE)]
         if not any(is_of(section, node) for section in meant):
             for section in meant:

@@ -82,6 +82,9 @@ def test_a_node_lets_sections_of_others_be(file):
     for text in (SITE, other, GUARD + f'/**/{GUARD}', other.replace('mount_guard', 'camera')):
         check_files('/north/mount_guard', ['--params-file', str(file(text)), '--params-file'])
     check_files('/mount_guard', ['--params-file', str(file(GUARD))])
+    # what ROS launch writes
+    tuples = '/mount/mcap_logger: {ros__parameters: {exclude: !!python/tuple [a, b]}}'
+    check_files('/mount/mcap_logger', ['--params-file', str(file(tuples))])
 
 
 def test_sections_of_other_nodes_and_of_drivers(file):
