@@ -33,12 +33,12 @@ from calibration.estimation.linear_model import DISTINCT, LIVE, weighted_fit
 from calibration.estimation.robust import GROSS
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import OF_RUNS, PowerOnZero, Zeros
+from pointing_model.zero import OF_RUNS, PowerOnZero, Zeros, carried_zeros
 
 from ..finding import Finding
 from ..term_fit import fit_terms, rotation_start
 from .base_terms import Base
-from .observations import mount_of, observations, run_labels
+from .observations import mount_of, observations, run_labels, run_name
 from .residual_patterns import MOST_ROWS, ResidualRows, step_finding
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
@@ -148,8 +148,13 @@ def median_findings(run, model):
     own, count = run.base.own, len(run.obs.runs)
     if not own or count < 2:
         return []
+    newest = None
+    if carried_zeros(model):
+        label = [*map(str, run.obs.runs)].index([*_run_numbers(run.obs)][-1])
+        newest = run_name(run.obs, run.obs.label == label)
     return [Finding('medians of the runs', evidence={
-        'runs': count, 'terms': {name: model.terms[name] / ARCSEC for name in own}})]
+        'runs': count, 'terms': {name: model.terms[name] / ARCSEC for name in own},
+        'newest': newest})]
 
 
 def with_zeros(model, zeros, before, after):
@@ -180,16 +185,29 @@ def with_zeros_of_terms(result, before, after):
     ----------
     result : Diagnosis
     before, after : sequence of PointingRun
-        See `with_zeros`. With several files nothing is added: their run numbers are ambiguous.
+        See `with_zeros`. The runs of several files are numbered in time (else as given, where a
+        time is not known); nothing is added where these have numbers of their own.
     """
     index, model, own = result.model.mount.names.index, result.model, result.run_terms
     before = [before] if isinstance(before, PointingRun) else before
-    if len(before) > 1 or len(own) < 2 or not set(result.base.own) <= set(index):
+    numbered = len(before) > 1 and any('run' in run for run in before)
+    if numbered or len(own) < 2 or not set(result.base.own) <= set(index):
         return model
     zeros = [PowerOnZero(*(
-        terms[name] * ARCSEC - model.terms[name] if name in terms else 0.0 for name in index
-    ), run=float(number)) for number, terms in own.items()]
+        own[name][term] * ARCSEC - model.terms[term] if term in own[name] else 0.0
+        for term in index), run=float(number))
+        for name, number in _run_numbers(result.observations).items()]
     return with_zeros(model, zeros, before[0], after[0])
+
+
+def _run_numbers(obs):
+    """Name of each run in the results -> its number in a model, the newest last."""
+    names = [*map(str, obs.runs)]
+    if not any(isinstance(one, str) for one in obs.runs):  # of one file
+        return dict(zip(names, obs.runs))
+    starts = np.array([np.min(obs.run.get('time')[obs.label == i]) for i in range(len(names))])
+    order = np.argsort(starts if np.isfinite(starts).all() else range(len(names)), kind='stable')
+    return {names[i]: number for number, i in enumerate(order, 1)}
 
 
 def divisions(runs, terms, encoder, least_step):

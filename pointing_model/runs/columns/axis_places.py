@@ -239,7 +239,9 @@ def to_axes(path, table, mount):
     _turn_on_sky(columns, beyond)
     if beyond.any():
         meta['notes'].append(f'{int(beyond.sum())} of {len(beyond)} rows are through the pole, on '
-                             'the other side of the pier')
+                             'the other side of the pier' + (
+                                 '' if mount.two_sided or not mount.celestial else
+                                 ': is this a German mount? Then give --mount german'))
 
 
 def past_zenith(table):

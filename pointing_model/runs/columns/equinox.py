@@ -77,7 +77,7 @@ def which_fits(table, rows, icrs, apparent, mount):
 
 
 def refuse_contradicted(path, table, rows, place, given, mount):
-    """Refuse the equinox that was given where the rows fit the other by far.
+    """Refuse the equinox that was given where the rows fit the other by far; else a note of it.
 
     Parameters
     ----------
@@ -98,14 +98,17 @@ def refuse_contradicted(path, table, rows, place, given, mount):
     taken, other, instead = (J2000, OF_DATE, 'date') if option == 'j2000' else (
         OF_DATE, J2000, 'j2000')
     found = _compared(table, rows, {taken: place, other: _observed(other, *given)}, given, mount)
+    if found['likelier'] != other or not found['told']:
+        return
     left = found['left_arcsec']
-    if found['likelier'] == other and found['log_likelihood'] > _REFUSED and (
-            _TIMES * left[other] < min(left[taken], _TIMES * _FITS)):
-        raise ValueError(
-            f'{path}: --equinox {option} contradicts the rows: the terms alone leave (median) '
+    text = (f'--equinox {option} contradicts the rows: the terms alone leave (median) '
             f'{left[taken]:.1f} arcsec if {taken}, {left[other]:.1f} if {other} (log-likelihood '
-            f'{found["log_likelihood"]:.0f}). Nothing was concluded; give --equinox {instead}, or '
-            'leave it out')
+            f'{found["log_likelihood"]:.0f})')
+    if found['log_likelihood'] > _REFUSED and (
+            _TIMES * left[other] < min(left[taken], _TIMES * _FITS)):
+        raise ValueError(f'{path}: {text}. Nothing was concluded; give --equinox {instead}, or '
+                         'leave it out')
+    table.meta['notes'].insert(0, text)
 
 
 def _observed(equinox, ra, dec, time, *air):

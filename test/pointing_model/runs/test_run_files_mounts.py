@@ -261,14 +261,20 @@ def test_an_equinox_that_the_rows_contradict_by_far_is_refused(read):
             left = 60.0 * (left % 1.0)
         return sign * (unit == 1.0) + ' '.join([*out, f'{left:.4f}'])
     ra, dec = observed_to_icrs(az, el, time, site, Weather(1013.0, 10.0))
-    rows = [' '.join([sexagesimal(a, 15.0), sexagesimal(b), sexagesimal(c, 15.0), sexagesimal(e),
+    noise = ARCSEC * rng.normal(size=n)
+
+    def text(size):
+        return '\n'.join(['mount', ': NODA', ': EQUAT', '+39 00 00 2026 4 21 10 1013 0 0.6', *(
+            ' '.join([sexagesimal(a, 15.0), sexagesimal(b), sexagesimal(c, 15.0), sexagesimal(e),
                       sexagesimal(t, 15.0, 2)]) for a, b, c, e, t in zip(
-        ra, dec, np.mod(lst - h + 0.001, 2.0 * np.pi), d + ARCSEC * rng.normal(size=n), lst)]
-    text = '\n'.join(['mount', ': NODA', ': EQUAT', '+39 00 00 2026 4 21 10 1013 0 0.6', *rows, ''])
-    assert len(read(text, equinox='j2000')) == n
+                ra, dec, np.mod(lst - h + 0.001, 2.0 * np.pi), d + size * noise, lst)), ''])
+    given = read(text(1.0), equinox='j2000')
+    assert len(given) == n and not any('contradicts' in note for note in given.meta['notes'])
     with pytest.raises(ValueError, match=r'--equinox date contradicts the rows: .* arcsec if of '
                        r'date, \d\.\d if J2000 .* give --equinox j2000, or leave it out'):
-        read(text, equinox='date')
+        read(text(1.0), equinox='date')
+    noisy = read(text(80.0), equinox='date').meta['notes'][0]  # less sure: a note
+    assert noisy.startswith('--equinox date contradicts the rows: ')
 
 
 def sky_run(rng, mount, drift, n=60, hours=1.5):

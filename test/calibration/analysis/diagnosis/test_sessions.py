@@ -92,6 +92,23 @@ def test_a_saved_model_has_the_zero_of_each_run(fit):
         apply(model, az, el, run=[7, 8, 10])
 
 
+def test_runs_of_several_files_are_numbered_in_time():
+    files = nights(1, IA=[0.0, 100.0, -70.0])
+    for i, run in enumerate(files, 1):
+        run.meta['source'] = f'night{i}.csv'
+    found = diagnose([files[2], files[0], files[1]], flips=99, cross_validation=False)
+    there = geometry.sky_to_encoder(1.0, 0.5, {**TRUTH, 'IA': TRUTH['IA'] - 70.0 * ARCSEC})
+    for how in {}, {'zero': 3}, {'run': 3}:
+        off = np.array(apply(found.model, 1.0 / DEG, 0.5 / DEG, **how)) * DEG - there
+        assert np.abs(off).max() < 4.0 * ARCSEC
+    assert any('apply takes that of the newest, night3.csv' in wording(note)
+               for note in found.notes)
+    files[0].columns['run'] = np.full(30, 7)  # numbers of its own are another's, too
+    found = diagnose(files, flips=99, cross_validation=False)
+    assert 'zeros_of_runs' not in found.model.provenance
+    assert any('set a zero, or fit the night' in wording(note) for note in found.notes)
+
+
 def test_sessions_that_are_other_runs_than_the_file_says_carry_no_zeros():
     read = joined(1, IA=[0.0, 100.0, -70.0])
     assert len(fit_run(read, sessions=None).model.provenance['zeros_of_runs']) == 3
