@@ -262,7 +262,9 @@ def _unknown(model, context, out, reverse):
     for effect, rows in model.unknown(context.az, context.el, context).items():
         count = int(np.count_nonzero(rows))
         where = 'all rows' if count == len(rows) else f'{count} of {len(rows)} rows'
-        reasons = dict.fromkeys(UNKNOWN.get(name, f'{name} is not known') for name in needs[effect])
+        reasons = dict.fromkeys(UNKNOWN.get(name, f'{name} is not known') for name in needs[effect]
+                                if (value := context.get(name)) is None
+                                or not np.isfinite(value[rows]).all())
         alike.setdefault((where, '; '.join(reasons)), []).append(readable(effect))
     # in a model for prediction dozens of effects may lack the same driver
     return [f'{_some(names)} {"count" if len(names) > 1 else "counts"} as zero in {where}: {why}'

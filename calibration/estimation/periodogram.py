@@ -46,12 +46,15 @@ _PLAINLY_CHANCE = 0.03
 #: waves tried in a part of the rows: the best of all rows, and so many neighbouring rates
 _SHORTLIST, _BESIDE = 60, 2
 _SHARE = 'periods'
-#: part of a wave's energy that must remain beyond a constant and one wave a turn: with evenly
+#: part of a wave's energy that must remain beyond slower waves than are searched: with evenly
 #: spaced rows some rates alias to these, and any amplitude of the wave would fit
 _SEEN = 0.2
 #: |mean of exp(i 2 pi angle / step)| above which rows are evenly spaced (within 6 % of a step, 1
 #: sigma), and the rows used to find it
 _EVEN, _STEPPED = 0.93, 200
+#: part of its gain that a wave may lose between two rates: 5 % of the power of one that leaves a
+#: hundredth of the variance
+_UNTUNED = 0.5
 #: size of the cache of wave columns, in numbers
 _KEPT = 5_000_000
 
@@ -105,14 +108,18 @@ class WaveScan:
     def seen(self, rates):
         """Whether these rows can show waves of `rates` (k,) at any phase: a mask, shape (k,).
 
-        With evenly spaced rows a wave may alias to one as slow as the terms of a mount.
+        With evenly spaced rows a wave may alias to one as slow as the terms of a mount, or of
+        fewer waves over the rows than are searched.
         """
-        n = len(self.angle)
+        n, length = len(self.angle), np.ptp(self.angle[np.isfinite(self.angle)])
         weight = np.hypot(self.factor[:n], self.factor[n:]) * np.isfinite(self.angle)
         angle = np.nan_to_num(self.angle)
+        bends = np.arange(2.0 * _FEWEST_WAVES + 1.0) * np.pi / length
+        if self.rates[0] > bends[-1] * (1.0 + 1e-9):
+            bends = np.arange(2.0)  # no length limits the rates
+        bends = np.multiply.outer(angle, bends)
         slow, size, _ = np.linalg.svd(
-            weight[:, None] * np.column_stack((np.ones(n), np.cos(angle), np.sin(angle))),
-            full_matrices=False)
+            weight[:, None] * np.hstack((np.cos(bends), np.sin(bends))), full_matrices=False)
         slow = slow[:, size > 1e-6 * max(size[0], 1e-300)]
         phase = np.multiply.outer(rates, angle)
         cosine, sine = weight * np.cos(phase), weight * np.sin(phase)
@@ -401,17 +408,16 @@ class PeriodBank(CandidateBank):
         first = self._first_of(self.line[g])
         best = float(self._gains_at(fit, int(first[0]), np.array([
             own * order for order in orders])).max())
-        return self.as_good(fit, self.line[g], best - width, best - 2.0 * width,
-                            [own * n for n in orders])
+        return self.as_good(fit, self.line[g], best - width, [own * n for n in orders])
 
-    def as_good(self, fit, scan, least, untuned, known=()):
-        """Rates of a scan with a gain above `least` when tuned, and above `untuned` before.
+    def as_good(self, fit, scan, least, known=()):
+        """Rates of a scan with a gain above `least` when tuned, and nearly so before.
 
         Parameters
         ----------
         fit : WeightedFit
         scan : int
-        least, untuned : float
+        least : float
         known : sequence of float
             Rates within a resolution element of these are skipped.
 
@@ -425,7 +431,7 @@ class PeriodBank(CandidateBank):
         out = []
         for k in np.argsort(-gains):
             rate = float(self.scans[scan].rates[k])
-            if gains[k] < untuned or len(out) > 9:
+            if gains[k] < (1.0 - _UNTUNED) * least or len(out) > 9:
                 break
             if all(abs(rate - other) > spacing for other in (*out, *known)):
                 tuned, gain = self.tuned_rate(fit, int(first[k]), rate)

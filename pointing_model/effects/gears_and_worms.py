@@ -172,7 +172,7 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
                   'what comes back so often: a drive that runs with the clock, a heater, a pump'
                   if clock else
                   _LOOK_AT[wheel] + _SIGNALS * lines,
-                  f'a wave of the {word}, {period}',
+                  f'a wave of {"time" if clock else f"the {word}"}, {period}',
                   f'tape of the {word} encoder' if tape else
                   f'something that comes back {period} in {word}' if clock else
                   f'{wheel} of {word}, {period}',

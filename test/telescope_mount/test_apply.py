@@ -92,6 +92,10 @@ def test_what_is_not_known_is_said_once(ended, model, tmp_path):
     assert 'in 2 of 3 rows: temperature is not known' in line
     code, out, err = ended('apply', model[0], given, '--set', 'temperature_c=5', '--zero', 'none')
     assert 'counts as zero' not in err and 'not applied' in err
+    late = FittedEffect(effect('lagged', of='TF', tau=3600.0, start=False), [ARCSEC])
+    PointingModel(TERMS, effects=[late]).save(tmp_path / 'late.json')
+    _, _, err = ended('apply', tmp_path / 'late.json', given, '--time', '2026-01-15T13:00:00Z')
+    assert 'in 2 of 3 rows: temperature is not known' in err  # and the time is
 
 
 def test_the_standard_input_and_models_of_other_programs(ended, tmp_path, monkeypatch):

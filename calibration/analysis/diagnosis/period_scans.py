@@ -198,7 +198,7 @@ def _fast_as_well(run, choice):
             e = found.effect(problem)
             # with known teeth there is no search penalty
             least = own - SET_WIDTH - np.log(problem.n)
-            rates = bank.as_good(fit, scan, least, least - 0.1 * own, [e.parameters['turns']]
+            rates = bank.as_good(fit, scan, least, [e.parameters['turns']]
                                  if e.form == 'periodic' else ()) if own > 0.0 else ()
             if len(rates):
                 causes.append(e.name)

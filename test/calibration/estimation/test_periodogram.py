@@ -103,15 +103,17 @@ def test_harmonics_come_with_their_fundamental_which_may_be_the_smaller():
     assert problem.periods.rate[chosen.group] == pytest.approx(100.0, abs=0.2)
 
 
-def test_even_steps_have_aliases():
+@pytest.mark.parametrize('size, rate', [(4.0, 50.0), (12.0, 51.3)])
+def test_even_steps_have_aliases(size, rate):
+    """Of a strong wave as well, of which half the gain may be lost between two rates."""
     rng, _, values = rows(5)
     angle = np.arange(60) * np.radians(3.0)  # 120 steps a turn
-    values[0] += 4.0 * np.cos(50.0 * angle)
+    values[0] += size * np.cos(rate * angle)
     problem = problem_of(values, angle, high=110.0)
     chosen, = found_in(problem)
     one = problem.periods.rate[chosen.group]
     others = problem.periods.aliases(problem.plain.fit([]), chosen.group, 6.0)
-    assert sorted([one, *others]) == pytest.approx([50.0, 70.0], abs=0.5)
+    assert sorted([one, *others]) == pytest.approx([rate, 120.0 - rate], abs=0.5)
     rng, angle, _ = rows(5)
     values[0] = rng.normal(size=60) + 4.0 * np.cos(50.0 * angle)
     problem = problem_of(values, angle, high=110.0)
@@ -157,3 +159,7 @@ def test_rows_at_even_steps_do_not_show_a_rate_that_is_as_none():
         tried = PeriodBank([scan]).shares['periods']
         near = scan.rates[tried]
         assert (np.abs(near - 624.0).min() < 0.5) == seen[0] and np.abs(near - 630.0).min() < 0.5
+    # eighty rows at even steps of a short driver: 2.4 waves within them, fewer than are searched
+    short = WaveScan.over(np.linspace(0.0, 0.5, 80), factor[:160], 10.0, 1000.0, None)
+    alias = 2.0 * np.pi * 79.0 / 0.5 - np.array([2.4, 5.0]) * 2.0 * np.pi / 0.5
+    assert short.seen(alias).tolist() == [False, True]
