@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The boundary: ROS messages to arrays, MCAP logs, what nodes share."""
+"""The boundary to ROS: messages to arrays, MCAP logs, and what all nodes share."""
 
-#: where the graph lives unless it is started elsewhere
+#: default namespace of the graph
 NAMESPACE = '/mount'
 
 
 def version_of(package='telescope_mount'):
-    """Version of a package; '' where it runs from a folder that is not installed."""
+    """Version of a package; '' if it runs from a folder that is not installed."""
     from importlib.metadata import PackageNotFoundError, version
     try:
         return version(package)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rows of named numbers in a message: a PointCloud2 with a float64 field for each column."""
+"""Tables of named numbers as messages: a PointCloud2 with a float64 field for each column."""
 
 from functools import lru_cache
 from itertools import count
@@ -22,23 +22,23 @@ import numpy as np
 from .convert import MOUNT_FRAME, stamped
 
 _FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
-#: numpy's names of PointField's kinds, from 1 on
+#: numpy's names of the data types of PointField, from 1 on
 _KINDS = ('i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8')
-# x, y, z as float32 and a gap, so that the float64 begin at a multiple of 8 bytes: so many of those
+# words of 8 bytes for x, y, z as float32 and padding, so that float64 fields are aligned
 _DRAWN = 2
 
 
 def table_to_cloud(columns, ns, points=None):
-    """A PointCloud2, one point a row.
+    """A table as PointCloud2, with one point per row.
 
     Parameters
     ----------
     columns : dict of str to array_like, shape (n,)
-        Numbers.
+        Columns of numbers.
     ns : int
         Stamp.
     points : array_like, shape (3, n), optional
-        x, y, z for programs that draw the points, ahead of the columns as float32: `MOUNT_FRAME`.
+        x, y, z as float32 in front of the columns, in `MOUNT_FRAME`, for programs that draw points.
     """
     from sensor_msgs.msg import PointCloud2
     rows, message = _rows(columns, points), stamped(PointCloud2, ns, MOUNT_FRAME)
@@ -50,7 +50,7 @@ def table_to_cloud(columns, ns, points=None):
 
 
 def _rows(columns, points):
-    """Shape (n, words of 8 bytes)."""
+    """All rows as 8-byte words, shape (n, words)."""
     values = np.array([*map(np.atleast_1d, columns.values())], '<f8')
     if points is None:
         return values.T.copy()
@@ -62,7 +62,7 @@ def _rows(columns, points):
 
 @lru_cache(maxsize=16)
 def _fields(names, drawn):
-    """The PointFields, made once: nobody changes them."""
+    """The PointFields; cached, since nobody changes them."""
     from sensor_msgs.msg import PointField
     first = 8 * _DRAWN if drawn else 0
     return tuple(PointField(name=name, offset=offset, datatype=datatype, count=1)
@@ -80,7 +80,7 @@ def cloud_to_table(message, required=(), what='table'):
     required : iterable of str
         Columns that must be there.
     what : str
-        What it is, for the error.
+        Name of the table in error messages.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def cloud_to_table(message, required=(), what='table'):
     Raises
     ------
     ValueError
-        A required column is missing, or the data do not fill the rows that are declared.
+        A required column is missing, or the data do not match the declared number of rows.
     """
     fields = [f for f in message.fields if f.datatype == _FLOAT64 and f.count == 1]
     there = {f.name for f in fields}
@@ -107,9 +107,9 @@ def cloud_points(message, fields=None, what='points'):
     ----------
     message : sensor_msgs.msg.PointCloud2
     fields : list of sensor_msgs.msg.PointField, optional
-        Which of them; all by default.
+        Fields to read; all by default.
     what : str
-        What it is, for the error.
+        Name of the points in error messages.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def cloud_points(message, fields=None, what='points'):
     Raises
     ------
     ValueError
-        The data do not fill the rows that are declared, or a field is none.
+        The data do not match the declared number of rows, or a field has an invalid type.
     """
     rows, step = message.width * message.height, message.point_step
     order = '>' if message.is_bigendian else '<'

@@ -26,14 +26,14 @@ AXES = ('azimuth', 'elevation')
 JOINTS = {'altaz': AXES, 'equatorial': ('hour_angle', 'declination'),
           'german': ('hour_angle', 'declination'), 'free': ('first_axis', 'second_axis'),
           'xy': ('x_angle', 'y_angle')}
-#: kind of mount -> where a turn of the readings of its second axis begins, rad, that none jumps on
-#: its travel: of a German mount -90 to 270 degrees
+#: kind of mount -> lowest reading of its second axis, rad, chosen so that readings do not wrap
+#: within its travel: a German mount has -90 to 270 degrees
 LOWEST_READING = {'german': -0.5 * math.pi}
 #: links of the URDF: x east, y north, z up; along the tube z forward, x right, y down (REP 103)
 MOUNT_FRAME, OPTICAL_FRAME = 'mount_enu', 'boresight_optical'
-#: that of the first axis at rest: both axes at zero look along its x
+#: frame of the first axis at rest: with both axes at zero the tube points along its x
 AXES_FRAME = 'axes'
-#: temperatures that air has, degC: those for which the refraction is worked out
+#: valid range of air temperatures, degC, for which the refraction is computed
 AIR_TEMPERATURES = -90.0, 60.0
 
 
@@ -52,7 +52,7 @@ def header(ns, frame):
 def stamped(kind, ns, frame):
     """A message of class `kind` with a stamp (ns) and a ``frame_id``.
 
-    Given parts would be made beside those that it makes itself.
+    Sets the fields of the header that the message creates: passing one would create a second.
     """
     message = kind()
     own = message.header
@@ -68,16 +68,16 @@ def from_stamp(stamp):
 
 def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan),
                 frame=MOUNT_FRAME, names=AXES):
-    """A JointState of both axes; all three arrays are filled, NaN is unknown.
+    """A JointState of both axes; all three arrays are filled, with NaN for unknown values.
 
     Parameters
     ----------
     ns : int
         Stamp.
     position, velocity, effort : sequence of 2 float
-        First and second axis, rad, rad/s, and what the topic defines.
+        First and second axis: rad, rad/s, and what the topic defines as effort.
     names : sequence of str
-        Of the axes, one of `JOINTS`.
+        Names of the axes, one of `JOINTS`.
     """
     from sensor_msgs.msg import JointState
     message = stamped(JointState, ns, frame)
@@ -89,19 +89,19 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
 
 
 def joints_of(names):
-    """Which pair of `JOINTS` is among the names of joints, in whatever order.
+    """The pair of `JOINTS` that is among some joint names, in any order.
 
     Raises
     ------
     ValueError
-        None is.
+        There is no such pair.
     """
     return _joints_of(tuple(names))[0]
 
 
-@lru_cache(maxsize=16)  # each reading has the same
+@lru_cache(maxsize=16)  # all readings have the same names
 def _joints_of(names):
-    """As `joints_of`, and where the first and the second axis stand."""
+    """Result of `joints_of`, and the indices of the first and the second axis."""
     found = next((pair for pair in JOINTS.values() if set(pair) <= set(names)), None)
     if found is None:
         known = dict.fromkeys(' and '.join(pair) for pair in JOINTS.values())
@@ -110,14 +110,14 @@ def _joints_of(names):
 
 
 def read_joints(message):
-    """Both axes of a JointState, whatever their order.
+    """Both axes of a JointState, in any order.
 
     Returns
     -------
     ns : int
         Stamp.
     position, velocity, effort : tuple of 2 float
-        First and second axis; NaN where the message does not say.
+        First and second axis; NaN where the message has no value.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def read_joints(message):
 
 
 def pose(ns, angles, covariance):
-    """A PoseWithCovarianceStamped in `AXES_FRAME`: how the tube is turned by two angles.
+    """Orientation of the tube for two axis angles: a PoseWithCovarianceStamped in `AXES_FRAME`.
 
     The first axis turns about −z, the second about −y: their variances are the covariances of yaw
     and pitch, elements 35 and 28.
@@ -148,10 +148,10 @@ def pose(ns, angles, covariance):
     angles : sequence of 2 float
         First and second axis, rad.
     covariance : array_like, shape (2, 2), or None
-        Of them, rad²; NaN in the message where it is not known.
+        Covariance of the angles, rad²; None: unknown, NaN in the message.
     """
     from geometry_msgs.msg import PoseWithCovarianceStamped
-    halves = [0.5 * float(angle) for angle in angles]  # of each reading: numpy takes twice as long
+    halves = [0.5 * float(angle) for angle in angles]  # per reading: numpy takes twice as long
     (s1, s2), (c1, c2) = map(math.sin, halves), map(math.cos, halves)
     (one, both), (_, two) = ((math.nan,) * 2,) * 2 if covariance is None else covariance
     message = stamped(PoseWithCovarianceStamped, ns, AXES_FRAME)
@@ -162,7 +162,7 @@ def pose(ns, angles, covariance):
 
 
 def vector(ns, x, y):
-    """A Vector3Stamped in `OPTICAL_FRAME`, whose z is 0."""
+    """A Vector3Stamped in `OPTICAL_FRAME` with z = 0."""
     from geometry_msgs.msg import Vector3Stamped
     message = stamped(Vector3Stamped, ns, OPTICAL_FRAME)
     message.vector.x, message.vector.y = float(x), float(y)
@@ -170,17 +170,18 @@ def vector(ns, x, y):
 
 
 def sky_vector(ns, right, up):
-    """A Vector3Stamped in `OPTICAL_FRAME`: what lies `right` and `up` of the boresight, rad.
+    """A Vector3Stamped in `OPTICAL_FRAME`: offset `right` and `up` of the boresight, rad.
 
-    Right is toward a rising first angle, up toward a rising second one: x and −y of the message.
+    Right is toward increasing first angles, up toward increasing second ones: x and −y of the
+    message.
     """
     return vector(ns, right, -up)
 
 
 def read_sky_vector(message):
-    """Right and up of a Vector3Stamped, rad: the way back from `sky_vector`.
+    """Right and up of a Vector3Stamped, rad: the inverse of `sky_vector`.
 
-    In older logs, and of older drivers, y is up: `older_frames`.
+    In messages of older logs and drivers, y points up: see `older_frames`.
     """
     right, y = message.vector.x, message.vector.y
     return right, y if is_y_up(message.header.frame_id) else -y
@@ -198,7 +199,7 @@ def trajectory(ns, times, positions, velocities, names=AXES):
     positions, velocities : array_like, shape (n, 2)
         First and second axis, rad and rad/s.
     names : sequence of str
-        Of the axes, one of `JOINTS`.
+        Names of the axes, one of `JOINTS`.
     """
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
     message = stamped(JointTrajectory, ns, MOUNT_FRAME)
@@ -221,7 +222,7 @@ def owner(request, node):
 
 
 def read_trajectory(message):
-    """The way back from `trajectory`.
+    """The inverse of `trajectory`.
 
     Returns
     -------
@@ -235,7 +236,7 @@ def read_trajectory(message):
     Raises
     ------
     ValueError
-        No point, an axis missing, lengths that differ, values not finite, times not increasing.
+        No points, a missing axis, different lengths, a non-finite value, or times not increasing.
     """
     names = message.joint_names
     _, order = _joints_of(tuple(names))
@@ -269,7 +270,7 @@ def read_temperature(message):
     Raises
     ------
     ValueError
-        It is no number, or none that air has.
+        Not a number, or not a possible temperature of air.
     """
     celsius = message.temperature
     low, high = AIR_TEMPERATURES
@@ -280,13 +281,13 @@ def read_temperature(message):
 
 
 def figures(ns, groups):
-    """A DiagnosticArray of groups of numbers, dict of str to dict of str to float."""
+    """A DiagnosticArray of groups of numbers, from a dict of str to dict of str to float."""
     return values_message(ns, {name: {key: f'{value:.12g}' for key, value in rows.items()}
                                for name, rows in groups.items()})
 
 
 def values_message(ns, groups):
-    """A DiagnosticArray of named values, dict of str to dict of str to str or number."""
+    """A DiagnosticArray of named values, from a dict of str to dict of str to str or number."""
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
     return DiagnosticArray(header=header(ns, MOUNT_FRAME), status=[
         DiagnosticStatus(level=DiagnosticStatus.OK, name=name, values=[
@@ -295,12 +296,12 @@ def values_message(ns, groups):
 
 
 def values_of(message, name, version):
-    """One group of `values_message`, dict of str to str; empty where there is no such group.
+    """One group of a `values_message`, dict of str to str; empty if there is no such group.
 
     Raises
     ------
     ValueError
-        Its value ``version`` is another.
+        The group has another ``version``.
     """
     values = next(({row.key: row.value for row in one.values} for one in message.status
                    if one.name == name), {})

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""An executor for the nodes of one process: a wait set that is kept, and short ways to callbacks.
+"""An executor for the nodes of one process, with a persistent wait set and direct callbacks.
 
-rclpy's own builds its wait set anew for every wake-up and wraps each callback in a task: of a
-node that answers small messages that takes more time than the messages do. This one does both
-only where something changed or really has to wait, and for what nodes of one process send each
-other it does not wait at all.
+The executor of rclpy rebuilds its wait set at every wake-up and wraps each callback in a task: for
+a node that answers small messages this takes longer than the messages themselves. This executor
+rebuilds the wait set only after a change, makes tasks only of callbacks that await, and does not
+wait at all for messages between nodes of its process.
 
 Why not one of rclpy's (7.1.6, the newest on PyPI): `benchmarks/executor.py` on 2 quiet cores gave
 
@@ -29,16 +29,16 @@ Why not one of rclpy's (7.1.6, the newest on PyPI): `benchmarks/executor.py` on 
 | a night, processor time | 7.8 s | 8.9 s | 7.1 s |
 | 200 nodes ended by SIGINT while busy, beside other work | all with 0 | all with 0 | all with 0 |
 
-The second is too slow for the log of 10 000 messages a second that is promised, and does not go on
-with a service that awaits (`home` of the mount) while that holds its callback group. The third is
-quicker, but its `spin` without a timeout runs nothing and never ends, a callback that takes
-(message, info) gets both as one argument, which ends the node with a SystemError, and a service
-that awaits is answered with a TypeError: the figures are with ways round these. The benchmark has a
-case for each; when rclpy passes them all, this file can go.
+The second is too slow for the specified log of 10 000 messages a second, and does not continue a
+service that awaits (`home` of the mount) while that holds its callback group. The third is faster,
+but its `spin` without a timeout runs nothing and never ends, a callback that takes (message, info)
+gets both as one argument, which ends the node with a SystemError, and a service that awaits is
+answered with a TypeError: its figures are with workarounds for these. The benchmark has a case for
+each; when rclpy passes them all, this file can be removed.
 
-Promises that rest on it: a log of 10 000 messages a second, services that await while others go on,
-200 ends by SIGINT. It uses no private name of rclpy, but the wait set of `rclpy.impl`, without
-which no executor in Python can be written.
+Requirements that rest on it: a log of 10 000 messages a second, services that await while others
+run, 200 clean ends by SIGINT. It uses no private name of rclpy, but the wait set of `rclpy.impl`,
+without which no executor can be written in Python.
 """
 
 import inspect
@@ -62,27 +62,27 @@ from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
-#: messages that one subscription may take before the others get their turn
+#: most messages that a subscription takes in a row before the others get their turn
 _TAKES = 16
-#: the same of an executor that gathers
+#: the same for an executor with `gather`
 _GATHERED = 1000
-#: entities of which a wait costs more than some messages: those of several nodes
+#: from this number of entities a wait costs more than some messages: several nodes have it
 _MANY = 60
 #: attribute of a service, its `asked_again.Answers`
 ANSWERS = 'answers_asked_again'
-#: attribute of a subscription: what is called when the messages that were ready have been taken
+#: attribute of a subscription: called after all messages that were ready have been taken
 AFTER = 'after_messages'
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
-#: s for which what nodes of one process send each other is taken without waiting for anything else
+#: most s in which only messages within the process are taken, without a wait for anything else
 _AMONG = 0.02
-# topics on which this process has published since its executor looked, in that order
+# topics on which this process has published since the executor last checked, in that order
 _published = {}
 
 
 def published(topic):
-    """Tell the executor of this process what it need not wait for: a message on `topic`.
+    """Tell the executor of this process that a message on `topic` is ready.
 
-    Fast DDS delivers within a process while it publishes. Where that is not so it is waited for.
+    Fast DDS delivers within a process during publishing. If not, the executor waits as usual.
 
     Parameters
     ----------
@@ -93,20 +93,20 @@ def published(topic):
 
 
 class NodeExecutor(Executor):
-    """Runs callbacks in the thread that spins, as `rclpy.executors.SingleThreadedExecutor` does.
+    """Runs callbacks in the thread that spins, like `rclpy.executors.SingleThreadedExecutor`.
 
-    Callback groups hold as there: while a callback awaits, its group runs no other, unless it is
-    a `ReentrantCallbackGroup`. A callback that does not await has the thread to itself. What
-    an answered future calls runs in place, and rclpy only warns of its errors: a callback that
-    may fail goes through `create_task`.
+    Callback groups work as there: while a callback awaits, its group runs no other, unless it is
+    a `ReentrantCallbackGroup`. A callback that does not await blocks the thread. Done-callbacks of
+    a future run in place, and rclpy only warns of their errors: use `create_task` for a callback
+    that may fail.
 
     Parameters
     ----------
     context : rclpy.context.Context, optional
         A private context (tests).
     gather : float
-        Seconds from one wake-up to the next, at least: what comes meanwhile is taken at once, and
-        over all topics in the order in which it came. May be set at any time.
+        Least time between wake-ups, s: messages that arrive in between are taken together, in order
+        of reception over all topics. May be set at any time.
     """
 
     def __init__(self, *, context=None, gather=0.0):
@@ -117,7 +117,7 @@ class NodeExecutor(Executor):
         self._waitables = []
         self._busy, self._many = frozenset(), False
         self._wait_set = None
-        self._waiting, self._awaiting = deque(), {}  # the latter: task -> its entity
+        self._waiting, self._awaiting = deque(), {}  # `_awaiting`: task -> its entity
         self._bare = {}  # subscription -> whether its callback takes the message alone
         self._wakers = ()
         super().__init__(context=context)
@@ -125,13 +125,13 @@ class NodeExecutor(Executor):
                         SignalHandlerGuardCondition(self.context))
 
     def wake(self):
-        """Wake from waiting and look at the entities of the nodes anew."""
+        """Wake up and collect the entities of the nodes again."""
         self._changed = True
         if self._wakers:
             self._wakers[0].trigger()
 
     def create_task(self, callback, *args, **kwargs):
-        """Have something called, or a coroutine gone on with, in the thread that spins.
+        """Call a function, or run a coroutine, in the thread that spins.
 
         Returns
         -------
@@ -149,12 +149,12 @@ class NodeExecutor(Executor):
         return new
 
     def remove_node(self, node):
-        """Leave a node alone from now on."""
+        """Remove a node."""
         super().remove_node(node)
         self.wake()
 
     def shutdown(self, timeout_sec=None):
-        """Stop; call it before the nodes are destroyed, which waits for their handles."""
+        """Stop; call it before the nodes are destroyed, since that waits for their handles."""
         self._release()
         wakers, self._wakers = self._wakers, ()
         for guard in wakers:
@@ -162,7 +162,7 @@ class NodeExecutor(Executor):
         return super().shutdown(timeout_sec)
 
     def spin_once(self, timeout_sec=None):
-        """Wait until something is ready, and run all that is.
+        """Wait until something is ready, and run everything that is.
 
         Raises
         ------
@@ -173,7 +173,7 @@ class NodeExecutor(Executor):
             timeout_sec = timeout_sec.timeout
         if not self._wakers:
             return
-        # a task that waits for a future is looked at again after whatever may have set it
+        # tasks that wait for a future are checked again after anything that may have set it
         if self._waiting and self._step_tasks():
             timeout_sec = 0.0
         if self._changed:
@@ -191,7 +191,7 @@ class NodeExecutor(Executor):
         self._run_ready(*ready)
 
     def spin_once_until_future_complete(self, future, timeout_sec=None):
-        """As `spin_once`; returns as well when `future` is done."""
+        """Like `spin_once`; also returns when `future` is done."""
         future.add_done_callback(lambda _: self.wake())
         if not future.done():
             self.spin_once(timeout_sec)
@@ -203,7 +203,7 @@ class NodeExecutor(Executor):
         self._held.close()
 
     def _rebuild(self):
-        """Collect what to wait for; its handles are held until the next time."""
+        """Collect the entities to wait for; their handles are held until the next call."""
         self._changed = False
         self._release()
         nodes = self.get_nodes()
@@ -247,10 +247,10 @@ class NodeExecutor(Executor):
                 count['service'] + extra.num_services, extra.num_events, self.context.handle)
 
     def _among(self):
-        """What is ready of that which the nodes of this process have just published; () if nothing.
+        """Subscriptions to topics on which nodes of this process have just published; () if none.
 
-        A wait costs more than several messages. It comes all the same, for timers and whatever
-        others send, after `_AMONG` at the latest.
+        A wait costs more than several messages. There is still one at least every `_AMONG`, for
+        timers and messages from other processes.
         """
         waits = self.gather or time.monotonic() - self._waited > _AMONG
         found = [] if waits else [
@@ -259,7 +259,7 @@ class NodeExecutor(Executor):
         return found and (dict.fromkeys(_KINDS, ()) | {'subscription': found}, ())
 
     def _wait(self, timeout_ns):
-        """Wait; what is ready of each kind, and of the waitables."""
+        """Wait; return the ready entities of each kind, and the ready waitables."""
         wait_set = self._wait_set
         wait_set.clear_entities()
         for kind, handles in self._handles.items():
@@ -282,8 +282,8 @@ class NodeExecutor(Executor):
         if self.gather:
             self._take_in_order(ready['subscription'])
         for subscription in () if self.gather else ready['subscription']:
-            # asking in vain costs as much as a message: only where they come thick and fast, or
-            # where it costs less than to wait once more for all that is there
+            # a futile take costs as much as a message: take several only at high rates, or where
+            # that costs less than waiting again with this many entities
             self._take_messages(
                 subscription, _TAKES if self._many or subscription in busy else 1)
         for guard in ready['guard_condition']:
@@ -299,7 +299,7 @@ class NodeExecutor(Executor):
                 self._run(waitable, partial(waitable.execute, waitable.take_data()))
 
     def _may(self, entity):
-        """Whether the callback group of an entity lets it run now."""
+        """Whether the callback group of an entity allows it to run now."""
         group = entity.callback_group
         return not self._awaiting or group is None or group.can_execute(entity)
 
@@ -311,12 +311,12 @@ class NodeExecutor(Executor):
             if header is not None:
                 client.get_pending_request(header.request_id.sequence_number).set_result(response)
         except (InvalidHandle, KeyError):
-            return  # destroyed or given up meanwhile
+            return  # destroyed or abandoned meanwhile
 
     def _answer_of(self, service):
-        """What takes up the next request; None where there is none.
+        """A coroutine function that handles the next request; None if there is none.
 
-        Where a service knows its `Answers`, what is asked again is told.
+        If a service has `Answers`, repeated requests get the same answer.
         """
         answers = getattr(service, ANSWERS, None)
         try:
@@ -376,7 +376,7 @@ class NodeExecutor(Executor):
                 after()
 
     def _taken(self, subscription, most):
-        """Of each message its callback, the arguments of that, and when it was received, ns."""
+        """Callback, its arguments and time of reception (ns) of each message."""
         handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
         callback, bare = subscription.callback, self._bare.get(subscription)
         if bare is None:
@@ -396,7 +396,7 @@ class NodeExecutor(Executor):
             yield callback, taken[:1] if bare else taken, taken[1]['received_timestamp']
 
     def _run(self, entity, call, *args):
-        """Call what does not await; else begin it, for which the group of the entity is held."""
+        """Call a function, or start a coroutine, for which the entity's group is held."""
         function = call.func if isinstance(call, partial) else call
         if not inspect.iscoroutinefunction(function):
             call(*args)
@@ -408,10 +408,10 @@ class NodeExecutor(Executor):
             self._changed = True  # its group leaves the wait set
 
     def _step(self, task):
-        """Begin or go on with a task; whether it came to its end, or was cancelled."""
+        """Start or continue a task; return whether it has ended or was cancelled."""
         if not (task.done() or task.cancelled()):
             task()
-        if not (task.done() or task.cancelled()):  # one that is cancelled is never done
+        if not (task.done() or task.cancelled()):  # a cancelled task is never done
             self._waiting.append(task)
             return False
         self._end(task)
@@ -424,7 +424,7 @@ class NodeExecutor(Executor):
             entity.callback_group.ending_execution(entity)
 
     def _step_tasks(self):
-        """Go on with tasks that wait; whether one came to its end."""
+        """Continue the waiting tasks; return whether one has ended."""
         ended = False
         for _ in range(len(self._waiting)):
             task = self._waiting.popleft()
@@ -437,7 +437,7 @@ class NodeExecutor(Executor):
 
 
 def _takes_one(callback):
-    """Whether a subscription's callback takes the message alone, as rclpy asks."""
+    """Whether a subscription's callback takes only the message, as rclpy determines it."""
     try:
         inspect.signature(callback).bind(None)
     except TypeError:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Calls that need nothing of each other, each in a child of this process: one a core."""
+"""Runs independent calls in child processes, one per core."""
 
 import ctypes
 import multiprocessing
@@ -24,34 +24,34 @@ import warnings
 from contextlib import suppress
 from multiprocessing.connection import wait
 
-#: s of a call from which a child, which costs some hundredths, is worth it
+#: least s of a call for which a child process is worthwhile; starting one costs some hundredths
 WORTH = 0.2
 _SET_DEATH_SIGNAL = 1  # Linux: prctl
 
 
 def cores():
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     with suppress(AttributeError):  # not everywhere
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def forked(calls, jobs, done=None):
-    """What calls return, in their order.
+    """Results of calls, in the order of the calls.
 
-    A child begins with all that this process knows, so nothing is sent to it. Random numbers that
-    are drawn where a call is made, and not in it, are the same for any number of jobs. As long as
-    calls are short, and where there is no fork (on macOS its libraries do not survive one), they
-    are carried out here, one after the other.
+    A child inherits the memory of this process, so nothing is sent to it. Random numbers that
+    are drawn when a call is created, not within it, are the same for any number of jobs. Calls
+    run here, one after the other, as long as they are short, and where there is no safe fork (on
+    macOS the libraries do not survive one).
 
     Parameters
     ----------
     calls : iterable of callable
-        Made one after the other, each as it is due.
+        Created one after the other, each when it is due.
     jobs : int
-        Processes at a time.
+        Number of processes at a time.
     done : callable, optional
-        Called after each; it may raise, which ends all.
+        Called after each call; it may raise, which ends everything.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def forked(calls, jobs, done=None):
     Raises
     ------
     Exception
-        What a call raised.
+        An exception that a call raised.
     """
     many = jobs > 1 and hasattr(os, 'fork') and sys.platform != 'darwin'
     out, running, worth = {}, {}, False
@@ -102,7 +102,7 @@ class _Child:
     Attributes
     ----------
     source : multiprocessing.connection.Connection
-        It can be read from when the call has returned.
+        Readable when the call has returned.
     """
 
     def __init__(self, call):
@@ -111,15 +111,15 @@ class _Child:
         self.source, target = context.Pipe(duplex=False)
         self._process = context.Process(target=_work, args=(call, target, os.getpid()))
         with warnings.catch_warnings(), target:
-            # of threads that may hold a lock: the child takes none of theirs
+            # the warning is about threads that may hold a lock: the child uses none of their locks
             warnings.simplefilter('ignore', DeprecationWarning)
             self._process.start()
 
     def result(self):
-        """What the call returned; made once more here, where the child did not get to say it."""
+        """Result of the call; if the child could not send it, the call is repeated here."""
         try:
             returned, value = self.source.recv()
-        except (EOFError, OSError):  # it was killed, perhaps while it said it
+        except (EOFError, OSError):  # killed, perhaps while sending
             returned, value = True, self._call()
         finally:
             self.source.close()
@@ -136,16 +136,16 @@ class _Child:
 
 
 def _work(call, target, parent):
-    """In the child."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the whole group: the parent ends it
+    """Run the call in the child."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # sent to the group: the parent ends the child
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
-    if os.getppid() != parent:  # it died before that
+    if os.getppid() != parent:  # the parent died before prctl
         return
     try:
         outcome = True, call()
     except Exception as error:
         outcome = False, error
-    with suppress(Exception):  # what cannot be sent is made once more by the parent
+    with suppress(Exception):  # the parent repeats a call whose result cannot be sent
         target.send(outcome)

@@ -12,36 +12,36 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages that were lost on the way, by the publishers' sequence numbers."""
+"""Counts lost messages by the sequence numbers of publishers."""
 
-#: jumps that may yet turn out to be another publisher
+#: most jumps remembered that may turn out to be another publisher
 _JUMPS = 64
-#: messages; so many are rarely lost at once: where publishers are found late, each somewhere in its
-#: numbers, 0.1 are counted as lost on the mean (270 if no jump is given back, 1.3 with 16)
+#: so many messages are rarely lost at once: where publishers are found late, each somewhere in its
+#: sequence, 0.1 are miscounted as lost on average (270 if no jump is taken back, 1.3 with 16)
 _FAR = 4
 
 
 class SequenceGaps:
     """Counts what is missing in the sequence numbers of a topic.
 
-    The numbers come without the name of the publisher, so each is taken as the next of the
-    publisher that it fits best. A jump is a loss, until the number before it comes after all:
-    then it was the first message from a publisher that was found late. As long as fewer publishers
-    were received than there are, it is the first message of one of these.
+    The numbers come without the name of the publisher, so each is assigned to the publisher whose
+    expected number it fits best. A jump counts as a loss until the number before it arrives after
+    all: then it was the first message of a publisher that was found late. As long as messages came
+    from fewer publishers than exist, a jump is the first message of a new one.
 
     Parameters
     ----------
     latched : bool
-        A latched topic keeps the last message only: that earlier ones are skipped is no loss.
+        A latched topic keeps only the last message: skipping earlier ones is no loss.
 
     Attributes
     ----------
     gaps : int
-        Messages lost.
+        Number of lost messages.
     publishers : int
-        Publishers distinguished, those that were started anew counted again.
+        Number of publishers distinguished; one that was restarted counts again.
     present : callable or None
-        Says how many publishers there are now, where that is known.
+        Returns the current number of publishers, if known.
     """
 
     def __init__(self, latched=False):
@@ -49,11 +49,11 @@ class SequenceGaps:
         self.publishers = 0
         self.present = None
         self._latched = latched
-        self._next = {}  # number expected -> publishers that it is expected from
+        self._next = {}  # expected number -> number of publishers that it is expected from
         self._jumps = {}
 
     def add(self, number):
-        """Take the sequence number of a message; 0 or None says nothing."""
+        """Take the sequence number of a message; 0 and None are ignored."""
         if not number:
             return
         following = self._next
@@ -65,7 +65,7 @@ class SequenceGaps:
                 self._move(number, number + 1)
             return
         below = None if number == 1 else max((n for n in following if n < number), default=None)
-        # who was thought to have jumped far has not: hardly that another lost as many as lead here
+        # expected after a far jump: that was another publisher's; a loss as far as here is unlikely
         jump = self._jumps.get(number, 0)
         if below is None or jump >= _FAR or self._one_more():
             self._begin(number)

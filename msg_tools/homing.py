@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an incremental encoder says of its reference marks: the message on `incremental/homing`.
+"""State of an incremental encoder's reference marks: the message on `incremental/homing`.
 
-A PointCloud2 with a row for each axis and a float64 field for each number, on each change: at the
-start, at a passage of the mark, met or missed, and after a power-on.
+A PointCloud2 with a row for each axis and a float64 field for each number. It is sent on every
+change: at the start, when the mark is passed, whether it was detected or missed, and after a
+power-on.
 """
 
 from typing import NamedTuple
@@ -29,36 +30,36 @@ from .power_on import PowerOn
 _SIDES = {'': 0.0, 'below': 1.0, 'above': -1.0}
 _LATER = ('started', 'supply', 'temperature')  # fields that older messages do not have
 
-#: sizes beyond which a number is none of an encoder: beyond these float64 counts no longer in
-#: ones, no angle of an axis is, and no clock shows
+#: largest possible values: above them float64 no longer counts in steps of one, an axis has no
+#: such angle, and a clock no such time
 _MOST_COUNTED, _MOST_TURNED, _LATEST = 2.0**53, 16.0 * np.pi, 1e11
 
 
 class AxisHoming(NamedTuple):
-    """One axis; the message has a field of the same name for each.
+    """Homing state of one axis; the message has a field of the same name for each attribute.
 
     Attributes
     ----------
     homed : bool
         Whether the mark has cleared the counter since power-on.
     side : str
-        ``below`` or ``above``: from where it was met then; '' before. In the message the sign of
-        the motion: 1, -1, 0.
+        ``below`` or ``above``: the side from which the mark was reached then; '' before. In the
+        message it is the sign of the motion: 1, -1, 0.
     missed_marks, passages : int
-        Index pulses since power-on that were too short to be taken; passages of the mark.
+        Index pulses since power-on that were too short to be detected; passages of the mark.
     mark_error : float
-        By how many counts the counter was off at the last passage; NaN without one.
+        Error of the counter at the last passage, counts; NaN without one.
     count : float
-        rad a count.
+        Angle of one count, rad.
     pulse_width : float
-        Of the index pulse, by the data sheet, rad; NaN where it is not known.
+        Width of the index pulse, by the data sheet, rad; NaN if unknown.
     power_on : int
-        Number of the power-on, as the encoder counts them.
+        Number of the power-on, as counted by the encoder.
     started : float
-        When this power-on began, UTC s; NaN where it is not known (older logs do not tell).
+        Start of this power-on, UTC s; NaN if unknown (not in older logs).
     supply, temperature : float
-        Of the encoder, as its electronics measured them when the mark cleared the counter, V and
-        degC; NaN before, and where they are not measured.
+        Supply voltage and temperature that the encoder's electronics measured when the mark cleared
+        the counter, V and degC; NaN before, and if they are not measured.
     """
 
     homed: bool
@@ -75,12 +76,12 @@ class AxisHoming(NamedTuple):
 
     @property
     def identity(self):
-        """The `PowerOn`, or None where it is not known when it began."""
+        """The `PowerOn`, or None if its start is unknown."""
         return PowerOn(self.power_on, self.started) if np.isfinite(self.started) else None
 
 
 def homing_to_cloud(axes, ns):
-    """The message.
+    """The homing state of both axes as a message.
 
     Parameters
     ----------
@@ -96,17 +97,17 @@ def homing_to_cloud(axes, ns):
 
 
 def cloud_to_homing(message):
-    """The way back from `homing_to_cloud`.
+    """The inverse of `homing_to_cloud`.
 
     Returns
     -------
     dict of str to AxisHoming
-        By the names of the axes; an axis that the message does not speak of is not there.
+        By axis name; axes that are not in the message are left out.
 
     Raises
     ------
     ValueError
-        A field is missing, or a number is none or out of its range.
+        A field is missing, or a number is invalid or out of its range.
     """
     needed = [name for name in AxisHoming._fields if name not in _LATER]
     table = cloud_to_table(message, ('axis', *needed), 'homing')
@@ -129,7 +130,7 @@ def cloud_to_homing(message):
 
 
 def _most(values):
-    """How large the numbers of an axis may be; NaN stands for what is not known."""
+    """Largest allowed values of an axis; NaN stands for an unknown value."""
     counts = dict.fromkeys(('missed_marks', 'passages', 'power_on'), _MOST_COUNTED)
     count = abs(values['count'])
     return counts | {

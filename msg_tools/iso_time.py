@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Times in ISO 8601, as people and their programs write them."""
+"""Times in ISO 8601, as people and programs write them."""
 
 import re
 
@@ -24,9 +24,9 @@ WANTED = '2026-01-15T13:00:00'
 
 
 def read_iso(texts):
-    """Seconds since 1970 of times; UTC where no zone is given.
+    """Seconds since 1970 of times; UTC if no zone is given.
 
-    Second 60 is the first of the next minute: so programs write what they round up, and a leap
+    Second 60 is the first of the next minute: programs that round up write it so, and a leap
     second has the number of the second after it (POSIX). 24:00:00 is the next day.
 
     Parameters
@@ -37,15 +37,15 @@ def read_iso(texts):
     Returns
     -------
     seconds : ndarray of int, shape (n,)
-        Whole ones; 0 where a text is no time.
+        Whole seconds; 0 if a text is not a time.
     fraction : ndarray, shape (n,)
-        Of a second; NaN where a text is no time.
+        Fraction of a second; NaN if a text is not a time.
     """
     matches = [_ISO.fullmatch(text) for text in texts]
     days = [match[1] if match else 'NaT' for match in matches]
     try:
         dates = np.array(days, dtype='datetime64[D]')
-    except ValueError:  # one is no date of the calendar
+    except ValueError:  # one does not exist in the calendar
         dates = np.array([_date(day) for day in days], dtype='datetime64[D]')
     hour, minute, second = (np.array([int(m[i] or 0) if m else 0 for m in matches], dtype=np.int64)
                             for i in (2, 3, 4))
@@ -60,24 +60,24 @@ def read_iso(texts):
 
 
 def iso_ns(text):
-    """Nanoseconds since 1970 of one time, an int, as `read_iso`.
+    """Nanoseconds since 1970 of one time, an int; see `read_iso`.
 
     Raises
     ------
     ValueError
-        It is none.
+        Not a time.
     """
     seconds, fraction = _one(text)
     return seconds * 1_000_000_000 + round(fraction * 1e9)
 
 
 def iso_seconds(text):
-    """Seconds since 1970 of one time, as `read_iso`.
+    """Seconds since 1970 of one time; see `read_iso`.
 
     Raises
     ------
     ValueError
-        It is none.
+        Not a time.
     """
     return float(sum(_one(text)))
 

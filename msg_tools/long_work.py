@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Work of seconds or minutes in a thread: the node answers beside it, and it can be cancelled."""
+"""Runs work of seconds or minutes in a thread: the node stays responsive and can cancel it."""
 
 import threading
 
@@ -22,11 +22,11 @@ from .status_rows import Stage
 
 
 class Cancelled(ValueError):
-    """The work was given up because somebody asked for it; the text says so."""
+    """The work was cancelled by a user; the text says so."""
 
 
 class LongWork:
-    """One piece of work at a time; messages that would change what it works on wait for its end.
+    """Runs one task at a time; messages that would change its input wait until it ends.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ class LongWork:
     Attributes
     ----------
     name : str
-        Of the work under way, for people; '' without any.
+        Name of the running task, for people; '' if there is none.
     stage : Stage
-        How far that is; empty where it does not report it.
+        Progress of the task; empty if it reports none.
     """
 
     def __init__(self, node):
@@ -46,14 +46,14 @@ class LongWork:
         self._later = []
 
     async def run(self, name, call):
-        """Have it done, and give what it returns; what it raises passes, `Cancelled` too.
+        """Run a call and return its result; its exceptions pass, including `Cancelled`.
 
         Parameters
         ----------
         name : str
         call : callable
-            ``call(progress)``, which calls ``progress(text, done, total)`` now and then: there it
-            can be cancelled.
+            ``call(progress)``, which regularly calls ``progress(text, done, total)``: there it can
+            be cancelled.
         """
         self.name, self.stage = name, Stage()
         self._stop.clear()
@@ -80,14 +80,14 @@ class LongWork:
         self.stage = Stage(text, int(done), int(total or 0))
 
     def cancel(self):
-        """Have it end at its next step; (whether there was any, a sentence)."""
+        """Cancel the task at its next step; return whether there was one, and a sentence."""
         if not self.name:
             return False, 'nothing long is under way'
         self._stop.set()
         return True, f'{self.name} ends with its next step'
 
     def waiting(self, call):
-        """As `call(message)`, but after the work that is under way."""
+        """A callback that calls `call(message)`, but only after the running task has ended."""
         def take(message):
             if self.name or self._later:
                 self._later.append((call, message))
@@ -96,7 +96,7 @@ class LongWork:
         return take
 
     def caught_up(self, reject):
-        """Take what has waited; ``reject(call, error)`` for a message that cannot be used."""
+        """Process the waiting messages; ``reject(call, error)`` gets those that cannot be used."""
         while self._later:
             call, message = self._later.pop(0)
             try:
@@ -105,7 +105,7 @@ class LongWork:
                 reject(call, err)
 
     def close(self):
-        """Give it up, at the end of the node."""
+        """Cancel the task when the node ends."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join(2.0)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The logger: everything on the topics, as received, into a rosbag2-layout MCAP folder."""
+"""The logger: records all topics, as received, into an MCAP folder in the layout of rosbag2."""
 
 import copy
 import json
@@ -36,12 +36,12 @@ from .params import Param
 from .readiness import AWAITED
 from .topics import Topic
 
-#: a frame is rendered only for those who ask
+#: frames are rendered only if somebody subscribes
 NOT_BY_DEFAULT = (topics.ABSOLUTE_FRAME.name,)
-#: parameters that say where a file was written: that is no provenance, and a folder may be named
-#: for what was simulated in it
+#: parameters with the path of an output file: that is no provenance, and the name of a folder may
+#: reveal what was simulated
 PLACES = ('folder', 'truth_folder', 'diagnosis_page')
-#: s between two looks at the graph for topics and publishers
+#: s between searches of the graph for new topics and publishers
 DISCOVERY = 0.25
 PARAMS = (
     Param('folder', 'telescope_mount_log', 'folder of the log; it must not exist or be empty',
@@ -71,9 +71,9 @@ PARAMS = (
 
 
 class McapLogger(MountNode):
-    """Records raw bytes; a log that is cut short stays readable up to the last flush."""
+    """Records raw bytes; an interrupted log remains readable up to the last flush."""
 
-    # nobody waits for it, and a message alone costs it as much as many at once
+    # nobody waits for the logger, and a wake-up for one message costs as much as for many
     GATHER = 0.02
 
     def __init__(self, **kwargs):
@@ -109,7 +109,7 @@ class McapLogger(MountNode):
                              f'it has {", ".join(by_name)}; other topics by their full names')
         patterns, exclude = ([p for p in self.value(name) if p] for name in ('patterns', 'exclude'))
         names = [by_name.get(name, name) for name in wanted]
-        # whether topics that nobody knows yet may belong to it
+        # whether topics that are not known yet may be selected
         self._waits = bool(self.value('all') or patterns or set(names) - set(self._known))
         if not names and not patterns and not self.value('all'):
             names = [full for name, full in by_name.items() if name not in NOT_BY_DEFAULT]
@@ -122,13 +122,13 @@ class McapLogger(MountNode):
             max_seconds=self.value('max_file_s'), metadata=versions())
 
     def _record(self, name, type_name, qos, offers, counter=None):
-        """Subscribe to a topic; raises what the middleware or the bag have against it."""
+        """Subscribe to a topic; raises errors of the middleware or the bag."""
         latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         topic = Topic(name, type_name, qos)
         message = topic.message
         again = counter is not None
         counter = counter or Counter()
-        # a subscriber wants the last of a latched topic, a log every one
+        # a subscriber needs the last message of a latched topic, a log all of them
         deep = copy.copy(qos)
         deep.depth = max(qos.depth, DEPTH)
         keep = name == self.resolve_topic_name(topics.MODEL.name)
@@ -158,26 +158,26 @@ class McapLogger(MountNode):
             self.destroy_subscription(sub)
             raise
         self._recorded[name] = sub, counter
-        # these never come to rest, so their counts say nothing
+        # their counts never settle, so they cannot show that a graph is at rest
         if name not in (topics.DIAGNOSTICS.name, topics.ENDPOINTS.name):
             self._subscriptions_of[name] = [(sub, counter)]
 
     def _type_hash(self, name, type_name):
-        """As the publishers tell it, or else the own subscription; None where they do not."""
+        """Type hash from the publishers, or else the own subscription; None if neither has one."""
         infos = (*self.get_publishers_info_by_topic(name),
                  *self.get_subscriptions_info_by_topic(name))
         return next((str(info.topic_type_hash) for info in infos
                      if info.topic_type == type_name and info.topic_type_hash.version > 0), None)
 
     def _discover(self):
-        """Topics that have appeared, publishers that are not heard, parameters of new nodes."""
+        """Find new topics, publishers that are not received, and parameters of new nodes."""
         if self._waits:
             for name, types in self.get_topic_names_and_types():
                 if name not in self._recorded and name in self._selection:
                     self._appeared(name, types)
         for name, (sub, counter) in list(self._recorded.items()):
             if sub.get_publisher_count() < self.count_publishers(name):
-                # a match may still be under way: what is seen twice counts
+                # a match may still be in progress: act only if it is seen twice
                 if name in self._suspect:
                     self._adapt(name, sub, counter)
                 self._suspect ^= {name}
@@ -188,7 +188,7 @@ class McapLogger(MountNode):
             before = self._collector.awaited
             self._collector.step()
             if before and not self._collector.awaited:
-                self.announce()  # who waits for a whole log need not wait for the next second
+                self.announce()  # saves those who wait for a complete log up to a second
 
     def _appeared(self, name, types):
         offers = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
@@ -214,7 +214,7 @@ class McapLogger(MountNode):
             self.get_logger().warning(f'{name}: {text}')
 
     def _adapt(self, name, sub, counter):
-        """Subscribe anew where a publisher asks for less than this subscription wants."""
+        """Subscribe again if a publisher offers less than this subscription requests."""
         infos = self.get_publishers_info_by_topic(name)
         own = self._known[name].type if name in self._known else None
         other = {info.topic_type for info in infos} - {own} if own else set()
@@ -269,7 +269,7 @@ class McapLogger(MountNode):
         values = {key: as_text(Path(json.loads(text)).name) if key in PLACES else text
                   for key, text in values.items()}
         self._bags.add_parameters(node, values, truth)
-        # what a node was given to read belongs to its parameters
+        # a file that a node was given belongs to its parameters
         text = json.loads(values.get('model_file', '""'))
         if not text or self._attached or not Path(text).is_file():
             return
@@ -281,25 +281,25 @@ class McapLogger(MountNode):
         self._bags.attach('reference_model.json', 'application/octet-stream', data)
 
     def problems(self):
-        """A disk that refused, topics that cannot be had."""
+        """Disk errors, and topics that cannot be recorded."""
         out = [(DiagnosticStatus.ERROR, error)] if (error := self._bags.error) else []
         return out + [(DiagnosticStatus.WARN, f'{name} is not recorded')
                       for name in sorted(self._refused)]
 
     def details(self):
-        """Where the log is, and what was lost of whom."""
+        """Folder, file and state of the log."""
         bags = self._bags
         return [('folder', Path(bags.bag.folder).name), ('file', bags.bag.file.name),
                 ('messages written', str(bags.written)), ('state', bags.state)]
 
     def reported(self):
-        """Nodes whose parameters are awaited, and what was lost of whom."""
+        """Number of nodes whose parameters are awaited, and lost messages by topic."""
         return [(AWAITED, str(len(self._collector.awaited))), *(
             (f'lost {name}', f'{counter.gaps} of {counter.sequence.publishers} publishers')
             for name, (_, counter) in self._recorded.items() if counter.gaps)]
 
     def finish(self):
-        """Write index and metadata; needs no ROS. OSError where the log is not whole."""
+        """Write index and metadata; needs no ROS. Raises OSError if the log is incomplete."""
         model = ()
         if self._model is not None:
             size = int.from_bytes(self._model[4:8], 'little')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The replay: publishes a log again, byte for byte, in its order."""
+"""The replay: publishes the messages of a log again, unchanged and in their order."""
 
 import re
 import time
@@ -29,17 +29,17 @@ from .convert import to_stamp
 from .node import MountNode, Param
 from .topics import Topic, make_qos
 
-#: messages after which a replay as fast as possible waits for the subscribers
+#: number of messages after which a replay at full speed waits for the subscribers
 BATCH = 500
-#: s before a message is due from when on the replay waits for it and does nothing else
+#: s before a message is due from which the replay only waits for it
 NEAR = 0.0012
-#: s after which subscribers that have sent no diagnostics are taken for foreign ones: they get no
-#: more than what DDS has acknowledged, and lose messages if their queue is shorter than the batch
+#: s after which subscribers without diagnostics count as foreign: only DDS acknowledgements show
+#: what they have received, and they lose messages if their queue is shorter than the batch
 FOREIGN = 1.5
-#: s between two looks at services and parameters while nothing is due
+#: s between checks of services and parameters while nothing is due
 IDLE = 0.02
-#: s that subscribers must be known and matched before the replay begins: it would be lost to them;
-#: and without any, or with some that cannot be matched
+#: s for which subscribers must be known and matched before the replay begins, since they would miss
+#: its start; and the same if there are none, or some cannot be matched
 SETTLED, ALONE = 0.3, 1.0
 
 
@@ -77,7 +77,7 @@ PARAMS = (
 
 
 class McapReplay(MountNode):
-    """Publishes the messages of a log and the clock that belongs to them."""
+    """Publishes the messages of a log and the corresponding clock."""
 
     def __init__(self, **kwargs):
         super().__init__('mcap_replay', PARAMS, hardware_id='log', **kwargs)
@@ -100,7 +100,7 @@ class McapReplay(MountNode):
         self._replayed = {topic.name: self._publisher(topic, remaps.get(topic.name, topic.name))
                           for topic in chosen}
         self._latched = [topic.name for topic in chosen if topic.latched]
-        # so many may be under way: a subscriber's queue is as deep as its publisher's here
+        # most messages in flight: a subscriber's queue is assumed as deep as its publisher's here
         self._most = {topic.name: _depth(topic) // 2 for topic in chosen
                       if not topic.latched}
         self._under_way = dict.fromkeys(self._most, 0)
@@ -148,7 +148,7 @@ class McapReplay(MountNode):
             reliable=not recorded.qos or recorded.qos[0]['reliability'] != 'best_effort')))
 
     def waiting_for(self):
-        """Subscribers without whom the replay does not start."""
+        """Subscribers that are needed before the replay starts."""
         if self._state != 'waiting':
             return []
         return [f'a subscriber of {name}' for name in self.value('wait_for_topics') if name
@@ -158,7 +158,7 @@ class McapReplay(MountNode):
     # --- time -------------------------------------------------------------------------------
 
     def _go_to(self, ns):
-        """Go on with the first message at or after `ns`; with what is latched there."""
+        """Continue at the first message at or after `ns`, with the latched ones of that time."""
         self._messages = self._reader.messages(
             topics=list(self._replayed), start=ns, end=self._stop)
         self._next = None
@@ -168,16 +168,16 @@ class McapReplay(MountNode):
         self._anchor(ns)
 
     def _anchor(self, ns):
-        """Recorded time `ns` is now."""
+        """Let recorded time `ns` correspond to now."""
         self._anchored = time.monotonic(), ns
 
     def _now(self):
-        """Recorded time that has come by the rate."""
+        """Current recorded time, by the rate."""
         wall, ns = self._anchored
         return ns + int((time.monotonic() - wall) * self.value('rate') * 1e9)
 
     def parameters_changed(self, names):
-        """A new rate counts from now on; a new place is gone to."""
+        """Apply a new rate from now on, or go to a new position."""
         if 'rate' in names and self._state == 'playing':
             self._anchor(self._position)
         if 'seek_s' in names:
@@ -196,7 +196,7 @@ class McapReplay(MountNode):
             self._resume_playing()
 
     def _discovered(self):
-        """Whether those who subscribe have been found."""
+        """Whether all subscribers have been discovered."""
         pubs = self._replayed.values()
         known = sum(self.count_subscribers(pub.topic_name) for pub in pubs)
         now = known, sum(pub.get_subscription_count() for pub in pubs)
@@ -235,7 +235,7 @@ class McapReplay(MountNode):
                     self._sleep(left - NEAR)
                     return
                 if left > 0.0:
-                    time.sleep(left)  # at most NEAR: a timer would be later than that
+                    time.sleep(left)  # at most NEAR: a timer would be less accurate
             elif not self._taken(message.topic):
                 self._sleep(0.001)
                 return
@@ -243,7 +243,7 @@ class McapReplay(MountNode):
         self._sleep(0.0)
 
     def _sleep(self, seconds):
-        """Look again after so many seconds at the latest."""
+        """Look again after at most so many seconds."""
         period = int(min(max(seconds, 1e-5), IDLE) * 1e9)
         if self._timer.timer_period_ns != period:
             self._timer.timer_period_ns = period
@@ -253,7 +253,7 @@ class McapReplay(MountNode):
         """The next message, or None at the end."""
         if self._next is None:
             if self._earlier:
-                # sent before, but active: it comes now
+                # sent before this time, but still valid: it is published now
                 self._next = self._earlier.pop(0)._replace(log_time=self._anchored[1])
             else:
                 self._next = next(self._messages, None)
@@ -269,7 +269,7 @@ class McapReplay(MountNode):
         self._next = None
 
     def _tick(self, ns):
-        """Publish /clock if it is time to."""
+        """Publish /clock if it is due."""
         if self._clock_sent is None or ns - self._clock_sent >= self._clock_step:
             self._clock_sent = ns
             self._clock_pub.publish(Clock(clock=to_stamp(ns)))
@@ -277,7 +277,7 @@ class McapReplay(MountNode):
     # --- back-pressure ----------------------------------------------------------------------
 
     def _taken(self, topic):
-        """Whether another message on `topic` finds room in every subscriber's queue."""
+        """Whether every subscriber's queue has room for another message on `topic`."""
         if sum(self._under_way.values()) < BATCH and (
                 self._under_way.get(topic, 0) < max(1, self._most.get(topic, BATCH))):
             return True
@@ -288,7 +288,7 @@ class McapReplay(MountNode):
         return True
 
     def _has_all(self, name):
-        """Acknowledged, which DDS does for what is queued, and taken by the nodes that tell."""
+        """Whether DDS has acknowledged all messages, and nodes that report have taken them."""
         pub = self._replayed[name]
         if not pub.wait_for_all_acked(Duration(seconds=0.05)):
             return False
@@ -297,7 +297,7 @@ class McapReplay(MountNode):
                 if topic in report['last']]
         if len(last) < pub.get_subscription_count() and (
                 time.monotonic() - self._since < FOREIGN):
-            return False  # who they are is not known yet
+            return False  # some have not reported yet
         return all(number >= counter.count for number in last)
 
     # --- the end ----------------------------------------------------------------------------
@@ -364,7 +364,7 @@ class McapReplay(MountNode):
         return True, f'stopped after {self._sent} messages'
 
     def details(self):
-        """How far the replay is."""
+        """Progress of the replay."""
         return [('state', self._state), ('messages published', str(self._sent)),
                 ('messages in the log', str(self._reader.message_count)),
                 ('paused', str(self._paused)), ('times from the start again', str(self._loops))]
