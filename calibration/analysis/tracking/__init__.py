@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model that follows the mount through the night; see docs/tracking.md."""
+"""Adaptive model that tracks the mount through the night; see docs/tracking.md."""
 
-#: modes of the calibration: a model when it is asked to fit; a model after each star too
+#: modes of the calibration: a model on request only; also a model after each star
 BATCH, TRACK = 'batch', 'track'

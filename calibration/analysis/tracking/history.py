@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What earlier runs say of tonight's terms, and earlier nights of how fast they drift.
+"""Priors for a night from earlier ones: distribution of the terms, and their drift rates.
 
 A model of `telescope-mount season` has both in its provenance (`PAST`, `RATES`).
 """
@@ -29,15 +29,15 @@ from .tracker import Tracker
 
 #: keys of a model's provenance
 PAST, RATES = 'past', 'rates'
-#: degrees of freedom of the noise of stars: wrong ones must not count
+#: degrees of freedom of the Student's t noise of stars, for robustness against wrong ones
 _FREEDOM = 4.0
-#: scale of that distribution which is likeliest for Gaussian pairs, in their sigmas
+#: maximum likelihood scale of that distribution for Gaussian pairs, in their sigmas
 _SCALE = 0.852
-#: 1 sigma that a term scatters by at least, from run to run, rad; it stands for so many runs
+#: prior scatter of a term from run to run, 1 sigma, rad; its weight in runs
 _LEAST, _AS_RUNS = 0.3 * ARCSEC, 2.0
-#: how the terms may be before any run is known, 1 sigma, rad
+#: prior sigma of the terms before any run, rad
 _BEFORE = 3000.0 * ARCSEC
-#: rounds of the EM, of terms and of rates; nights that are as if all rates were alike likely
+#: iterations of the EM, for terms and for rates; weight in nights of the uniform prior on rates
 _ROUNDS, _RATE_ROUNDS, _AS_NIGHTS = 12, 50, 0.3
 
 
@@ -46,7 +46,7 @@ _ARRAYS = {'mean': 1, 'covariance': 2, 'last': 1, 'last_covariance': 2}  # dimen
 
 @dataclass(frozen=True)
 class Past:
-    """What the terms are in a run of which nothing is known yet.
+    """Prior distribution of the terms in a new run.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Past:
     last : ndarray, shape (k,)
         Terms of the last run, rad.
     last_covariance : ndarray, shape (k, k)
-        Of them, rad^2.
+        Their covariance, rad^2.
     """
 
     names: tuple
@@ -77,12 +77,12 @@ class Past:
 
     @classmethod
     def from_model(cls, model):
-        """What a model tells of the nights before; None where it tells nothing.
+        """The record of earlier nights in a model, or None.
 
         Raises
         ------
         ValueError
-            It is damaged, or of other terms than the model.
+            The record is damaged, or has other terms than the model.
         """
         kept = model.provenance.get(PAST)
         if kept is None:
@@ -103,20 +103,21 @@ class Past:
 
 
 def past_of_runs(runs, names, *, memory=np.inf):
-    """Terms of each run, their mean and scatter from run to run, by maximum likelihood (EM).
+    """Mean of the terms and their scatter from run to run, by maximum likelihood (EM).
 
-    Terms that a run does not determine are taken from the others: Dempster, Laird and Rubin 1977;
-    Laird and Ware 1982. Stars have Student's t noise (Lange, Little and Taylor 1989).
+    A random effects model: terms that a run does not determine are taken from the others (Dempster,
+    Laird and Rubin 1977; Laird and Ware 1982). Stars have Student's t noise (Lange, Little and
+    Taylor 1989).
 
     Parameters
     ----------
     runs : sequence of (PointingRun or (ndarray, ndarray))
-        In their order, at least one; of one mount. Or columns, shape (n, 2, k), and offsets,
+        At least one, in order, of one mount. Or columns, shape (n, 2, k), and offsets,
         shape (n, 2), rad.
     names : sequence of str, length k
         Terms; each should be in the dictionary of the mount.
     memory : float
-        Runs after which one counts less by a factor e.
+        Number of runs after which the weight of a run has dropped by a factor e.
 
     Returns
     -------
@@ -156,7 +157,7 @@ def past_of_runs(runs, names, *, memory=np.inf):
         mean = sum(s * terms for s, (terms, _) in zip(share, found)) / total
         scatter = (least + sum(s * (np.outer(t - mean, t - mean) + c)
                                for s, (t, c) in zip(share, found))) / (total + _AS_RUNS)
-        if turn < 2:  # from nothing: what a run does not determine scatters no more than the rest
+        if turn < 2:  # start uncorrelated: undetermined directions must not seem to scatter more
             scatter = np.diag(np.diag(scatter))
         noise = np.sqrt(left / good)
     return Past(tuple(names), mean, scatter * (1.0 + np.sum(share**2) / total**2),
@@ -173,38 +174,38 @@ def rows_of(run, names):
 
 @dataclass(frozen=True)
 class Rates:
-    """How fast the terms of a mount drift, learned from its nights.
+    """Drift rates of the terms of a mount, learned from its nights.
 
     Attributes
     ----------
     weights : ndarray, shape (r,)
-        How likely each hypothesis of a `Tracker` is for another night: its `rate_weights`.
+        Prior probability of each hypothesis for another night, the `rate_weights` of a `Tracker`.
     facts : list of dict
-        What they are, see `Tracker.facts`.
+        The hypotheses, see `Tracker.facts`.
     """
 
     weights: np.ndarray
     facts: list
 
     def document(self):
-        """JSON-ready: each walk of zeros and lean, and how likely it is."""
+        """JSON-ready: drift rates of zeros and tilt, and the probability of each pair."""
         return [{'zero_arcsec': fact['zero'] / ARCSEC, 'lean_arcsec': fact['tilt'] / ARCSEC,
                  'chance': float(weight)} for fact, weight in zip(self.facts, self.weights)]
 
 
 def rate_weights_of(document, facts):
-    """How likely each hypothesis of a tracker is, by `Rates.document`.
+    """Probabilities of the hypotheses of a tracker, from `Rates.document`.
 
     Parameters
     ----------
     document : list of dict or None
     facts : list of dict
-        As `Tracker.facts`; those that differ only by what wanders share a chance.
+        See `Tracker.facts`; hypotheses that differ only in what drifts share a probability.
 
     Returns
     -------
     ndarray, shape (r,), or None
-        None where nothing is known, or of other walks than these.
+        None if nothing is known, or if the document has other rates.
     """
     if document is None:
         return None
@@ -221,18 +222,18 @@ def rate_weights_of(document, facts):
 
 
 def rates_of_nights(nights, *, settings=None, noise=None):
-    """How often a night is of each rate, by maximum likelihood.
+    """Frequency of each drift rate among nights, by maximum likelihood.
 
-    A mixture of the hypotheses of a tracker, its weights by EM. That all are alike likely counts
-    as `_AS_NIGHTS`.
+    A mixture of the hypotheses of a tracker, with weights from EM. A uniform prior has the weight
+    of `_AS_NIGHTS` nights.
 
     Parameters
     ----------
     nights : sequence of (PointingModel, PointingRun)
-        The active model as a night began, and its stars in order, with ``time``.
+        The active model at the beginning of a night, and its stars in order, with ``time``.
     settings : TrackingSettings, optional
     noise : float, optional
-        1 sigma of a star, rad, where a run has no ``sigma_x``, ``sigma_y``.
+        1 sigma of a star, rad, for runs without ``sigma_x``, ``sigma_y``.
 
     Returns
     -------
@@ -241,7 +242,7 @@ def rates_of_nights(nights, *, settings=None, noise=None):
     Raises
     ------
     ValueError
-        No night, or no noise is known.
+        No night, or the noise is unknown.
     """
     if not nights:
         raise ValueError('no earlier night: the rates of the literature hold')
@@ -259,7 +260,7 @@ def rates_of_nights(nights, *, settings=None, noise=None):
 
 
 def tracked(model, run, *, noise=None, **options):
-    """A `Tracker` that has seen the stars of a run.
+    """A `Tracker` after the stars of a run.
 
     Parameters
     ----------
@@ -269,7 +270,7 @@ def tracked(model, run, *, noise=None, **options):
     noise : float, optional
         See `rates_of_nights`.
     **options
-        Of `Tracker`.
+        Options of `Tracker`.
     """
     time = np.asarray(run['time'], float)
     tracker = Tracker(model, int(round(time[0] * 1e9)) - 1, **options)

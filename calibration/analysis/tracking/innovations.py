@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a tracker takes, what came of it, and whether its innovations are as large as predicted.
+"""Measurements of a tracker, its updates, and the consistency test of its innovations.
 
-The normalised innovation squared (NIS) of a star has the mean 2 where the filter is consistent.
-Over the last stars its sum is chi squared (Bar-Shalom, Li and Kirubarajan 2001, section 5.4). Stars
-count once it is decided that nothing jumped before them and that they were no wrong ones.
+The normalised innovation squared (NIS) of a star has the mean 2 for a consistent filter. Its sum
+over the last stars is chi squared (Bar-Shalom, Li and Kirubarajan 2001, section 5.4). A star is
+included once it is decided that nothing jumped before it and that it was no wrong star.
 """
 
 from dataclasses import dataclass
@@ -28,21 +28,21 @@ from msg_tools.units import ARCSEC
 
 from ..finding import Finding
 
-#: stars of a test: from, and the last so many
+#: smallest and largest number of last stars in a test
 FEWEST, WINDOW = 12, 24
-#: chance that a consistent filter is called over- or under-confident at one star. The sums of
-#: neighbouring stars are much alike: in a night of 48 stars it happens to 1 % (docs/tracking.md)
+#: false-alarm probability of the test at one star. The sums of neighbouring stars are highly
+#: correlated: in a night of 48 stars it is 1 % (docs/tracking.md)
 LEVEL = 5e-4
-#: correlation of neighbouring innovations below which they turn back
+#: correlation of neighbouring innovations below which the filter overshoots
 TURNS = -0.2
-#: the noise is taken no more than so many times as large
+#: largest factor of noise or drift
 MOST = 5.0
 HONEST, OVER, UNDER = 'honest', 'over-confident', 'under-confident'
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measurement as it is in a log.
+    """A measurement as in a log.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Measurement:
     stamp : int
         ns.
     values : tuple
-        The rest of what the method takes.
+        The other arguments of the method.
     """
 
     what: str
@@ -61,32 +61,32 @@ class Measurement:
 
 @dataclass(frozen=True)
 class TrackerUpdate:
-    """What came of a measurement.
+    """Result of a measurement.
 
     Attributes
     ----------
     stamp : int
         ns.
     what : str
-        As of `Measurement`.
+        See `Measurement`.
     taken : bool
         False: refused, and nothing has changed.
     why : Finding or None
-        Why it was refused, or what was widened for it.
+        Why it was refused, or why the covariance was widened.
     innovation : ndarray, shape (m,), or None
-        Beyond what was expected, rad.
+        Measured minus predicted, rad.
     covariance : ndarray, shape (m, m), or None
-        Of it, if nothing has happened, rad^2.
+        Covariance of the innovation if no event occurred, rad^2.
     chances : dict of str to float
-        What may have happened just before: each that may have jumped, ``wrong star``; and
-        ``nothing``. All 0 for the first stars of a night that decide how it begins (`WarmStart`).
+        Probabilities of events just before: a jump of each part, ``wrong star``, and ``nothing``.
+        All 0 for the first stars of a night, used by `WarmStart`.
     events : tuple of Finding
-        What is decided now, also of the stars before.
+        Events decided now, including those before earlier stars.
     consistency : Finding or None
-        Where the filter has just found itself over- or under-confident.
+        Set if the filter has just been found over- or under-confident.
     row : tuple or None
-        As the filter took it: columns (m, n), and values (m,) beyond the terms of `Tracker.plain`
-        and 1 sigma of their noise (m,), rad.
+        Input of the filter: columns (m, n), values (m,) minus those of `Tracker.plain`, and 1 sigma
+        of their noise (m,), rad.
     """
 
     stamp: int
@@ -102,18 +102,18 @@ class TrackerUpdate:
 
     @property
     def nis(self):
-        """Normalised innovation squared: of mean m where the filter is consistent."""
+        """Normalised innovation squared; its mean is m for a consistent filter."""
         if self.innovation is None:
             return float('nan')
         return float(self.innovation @ np.linalg.solve(self.covariance, self.innovation))
 
     @property
     def findings(self):
-        """All that it says, in order."""
+        """All its findings, in order."""
         return [one for one in (self.why, *self.events, self.consistency) if one is not None]
 
     def document(self):
-        """For JSON, with findings in it; angles in arcsec."""
+        """Document for JSON, with findings; angles in arcsec."""
         out = {'stamp': self.stamp, 'what': self.what, 'taken': self.taken, 'why': self.why or ''}
         if self.taken:
             out |= {'innovation_arcsec': (self.innovation / ARCSEC).tolist(),
@@ -125,14 +125,14 @@ class TrackerUpdate:
 
 @dataclass(frozen=True)
 class ExpectedError:
-    """How far the mount is expected to point off.
+    """Expected pointing error of the mount.
 
     Attributes
     ----------
     covariance : ndarray, shape (..., 2, 2)
-        Of x and y on the sky, rad^2.
+        Covariance of x and y on the sky, rad^2.
     jump : float
-        Chance that something jumps in the time ahead, which is not in the covariance.
+        Probability of a jump in the time ahead, which is not in the covariance.
     """
 
     covariance: np.ndarray
@@ -145,17 +145,17 @@ class ExpectedError:
 
 
 class FilterConsistency:
-    """The last innovations, and by how much noise or drift are taken larger for them.
+    """Consistency test of the last innovations, and resulting factors of noise and drift.
 
     Attributes
     ----------
     noise, walk : float
-        Factors of the noise of stars and of all random walks (as lengths); 1 as given.
+        Factors of the noise of stars and of all random walks (in sigma); 1 by default.
     verdict : str
         `HONEST`, `OVER` (errors are larger than predicted) or `UNDER` (smaller).
     tested : tuple of (int, float) or None
-        Of the test that gave a verdict other than `HONEST`: stars, and their errors as a part of
-        the predicted ones (RMS): above 1 where it is `OVER`, below where it is `UNDER`.
+        Last test with a verdict other than `HONEST`: number of stars, and RMS error relative to the
+        predicted one (above 1 for `OVER`, below 1 for `UNDER`).
     """
 
     def __init__(self):
@@ -163,21 +163,21 @@ class FilterConsistency:
         self._last = []  # [x, y] of each star, in sigmas, decided
 
     def add(self, off, fastest=0.0):
-        """Take the innovation of a star of which it is decided that nothing happened.
+        """Add the innovation of a star without an event.
 
         Parameters
         ----------
         off : sequence of float, length 2
-            Normalised: its squares add up to the NIS.
+            Normalised innovation: its squares sum to the NIS.
         fastest : float
-            How likely the fastest walk of all that are thought of is by now. Where it is, the
-            mount drifts still faster, unless innovations turn back from star to star: a filter
-            that runs after noise overshoots.
+            Current probability of the fastest random walk hypothesis. If it is likely, the mount
+            drifts even faster, unless consecutive innovations are anticorrelated: a filter that
+            follows noise overshoots.
 
         Returns
         -------
         Finding or None
-            Where the verdict is another one now.
+            If the verdict has changed.
         """
         self._last = [*self._last[1 - WINDOW:], [float(v) for v in off]]
         count = len(self._last)
@@ -185,7 +185,7 @@ class FilterConsistency:
             return None
         last = np.array(self._last)
         total = float(np.sum(last * last))
-        # sums beyond which a filter is not consistent
+        # limits of the sum for a consistent filter
         low, high = 2.0 * gammaincinv(count, LEVEL), chdtri(2 * count, LEVEL)
         size = float(np.sqrt(total / (2.0 * count)))
         if total > high:
@@ -211,6 +211,6 @@ class FilterConsistency:
             'walk': self.walk})
 
     def finding(self):
-        """The verdict, and the ratio that it rests on."""
+        """The verdict, and the ratio that it is based on."""
         return Finding('filter consistency', unit='', evidence={
             'verdict': self.verdict, 'tested': self.tested})

@@ -12,28 +12,28 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What may move in a mount through a night, how fast, how often, and which sensor shows it.
+"""What may move in a mount during a night: drift rates, jumps, and the sensors that show them.
 
-The state of the filter is what the terms are beyond the model of the evening, and for each further
-sensor what it would show. A cause is a direction in that state: an incremental encoder that loses
-counts moves the zero of its axis and the difference of the two encoders, a tube that creeps the
-zero alone, an absolute encoder the difference alone. So the sensors tell which it was.
+The state of the filter is the deviation of the terms from the model of the evening, and the reading
+of each further sensor. A cause is a direction in this state. An incremental encoder that loses
+counts moves the zero of its axis and the difference of the two encoders, a creeping tube the zero
+only, an absolute encoder the difference only. So the sensors distinguish the causes.
 
 Where the figures come from
 ---------------------------
 `ZEROS`, `TILTS`
-    What telescopes do, and to both sides of it, in steps of 1.65. Of 17 sessions of the IRAM 30 m
-    (pointing logs of 2012 and 2014, 655 rows) the likeliest walk of the zeros is 1.3 arcsec in the
-    root of an hour, 0.5 to 3 in four of five; of one night of the MMT (80 rows) 0.5 or less. Small
-    mounts are worse. All are alike likely until a mount's own nights say more, see
+    The range of real telescopes and beyond on both sides, in steps of 1.65. In 17 sessions of the
+    IRAM 30 m (pointing logs of 2012 and 2014, 655 rows) the most likely random walk of the zeros is
+    1.3 arcsec/sqrt(h), and 0.5 to 3 in four of five; in one night of the MMT (80 rows) 0.5 or less.
+    Small mounts are worse. All are equally likely until nights of the mount are known, see
     `history.rates_of_nights`.
 `OTHERS`
-    Collimation, non-perpendicularity and flexure are of metal and glass. No measured walk was
-    found; a twentieth of an arcsecond in the root of an hour, 0.14 in a night of eight, is assumed.
+    Collimation, non-perpendicularity and flexure depend on metal and glass. No measured random walk
+    was found; 0.05 arcsec/sqrt(h), 0.14 arcsec in a night of eight hours, is assumed.
 `JUMPS`
-    Assumed. Lost counts and slips have no common size: some tens of arcseconds, or minutes of arc.
-    Each axis once in five nights of eight hours, which is more often than any mount should; the
-    stars overrule it within two.
+    Assumed. Lost counts and slips have no common size: some tens of arcseconds, or arcminutes. Each
+    axis jumps once in five nights of eight hours, more often than any mount should; two stars are
+    enough to overrule this prior.
 """
 
 from dataclasses import dataclass, field
@@ -44,52 +44,52 @@ from msg_tools.units import ARCSEC
 
 from ...estimation.gaussian_sum import PossibleJump
 
-#: rad in the root of an hour, hypotheses for the zeros of both axes and the lean of the first
+#: hypotheses on the random walk of the zeros of both axes and of the first axis' tilt, rad/sqrt(h)
 ZEROS = tuple(ARCSEC * v for v in (0.5, 0.8, 1.3, 2.2, 3.6, 5.9, 9.7, 16.0))
 TILTS = tuple(ARCSEC * v for v in (0.2, 0.8, 2.5))
-#: of all other terms; of a sensor, and of what is not the one that drifts
+#: random walk of all other terms; of sensors, and of parts other than the drifting one; rad/sqrt(h)
 OTHERS, QUIET = 0.05 * ARCSEC, 0.3 * ARCSEC
-#: (1 sigma, rad; times an hour) of the jumps of an axis
+#: jumps of an axis: (1 sigma, rad; frequency per hour)
 JUMPS = ((40.0 * ARCSEC, 0.02), (300.0 * ARCSEC, 0.005))
-#: the same of a pier, where an inclinometer sees it
+#: the same for a pier with an inclinometer
 PIER_JUMPS = ((30.0 * ARCSEC, 0.005),)
 
-#: what can move
+#: parts that can move
 INCREMENTAL, ABSOLUTE, TUBE = 'incremental encoder', 'absolute encoder', 'tube or sky'
 PIER = 'pier'
-#: further sensors that a tracker can be given
+#: further sensors of a tracker
 SENSORS = ('difference', 'inclinometer')
 
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """How a mount is thought to behave; what is not said is as the module says.
+    """Assumed behaviour of a mount; defaults as in the module.
 
     Attributes
     ----------
     zeros, tilts : tuple of float
-        Hypotheses of the walks, rad in the root of an hour.
+        Hypotheses on the random walks, rad/sqrt(h).
     walks : dict of str to float
-        Of other terms, rad in the root of an hour.
+        Random walks of other terms, rad/sqrt(h).
     memory_h : dict of str to float
-        Terms that go back to the model of the evening by a factor e in so many hours.
+        Relaxation times, h, of terms that return to the model of the evening.
     jumps : tuple of (float, float)
-        1 sigma (rad) and times an hour, of each axis.
+        1 sigma (rad) and frequency per hour, for each axis.
     wrong, wrong_sigma : float
-        Part of the stars that are wrong ones, 1 sigma of what they miss by (rad).
+        Share of wrong stars, and 1 sigma of their error (rad).
     turn_h : float
-        After which a rate is another one, in the mean.
+        Mean time after which the drift rate changes, h.
     gap_h : float
-        A silence after which nothing is taken for granted: all is widened as from night to night.
+        Gap without measurements, h, after which the covariance is widened as between nights.
     night_zero, night_lean : float
-        From night to night, 1 sigma, rad.
+        Change from night to night, 1 sigma, rad.
     most, depth : int
-        Histories kept, stars by which they are distinguished.
+        Number of histories kept, and number of stars after which they are decided.
 
     Raises
     ------
     ValueError
-        A rate, a size or a chance that cannot be.
+        An impossible rate, size or probability.
     """
 
     zeros: tuple = ZEROS
@@ -117,14 +117,14 @@ class TrackingSettings:
 
 
 def states_of(names, sensors):
-    """The state of the filter: terms, then what sensors show.
+    """Names of the filter states: terms, then readings of sensors.
 
     Parameters
     ----------
     names : sequence of str
         Terms.
     sensors : sequence of str
-        Of `SENSORS`.
+        Some of `SENSORS`.
     """
     out = list(names)
     if 'difference' in sensors:
@@ -135,7 +135,7 @@ def states_of(names, sensors):
 
 
 def lean_of_base(mount):
-    """What terms do when the base of a mount leans by 1 rad to the north, and to the west.
+    """Change of the terms when the base of a mount tilts by 1 rad to the north, and to the west.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def lean_of_base(mount):
     Returns
     -------
     list of dict of str to float
-        Both, by the names of the terms; first order.
+        For both tilts, by names of terms; first order.
     """
     out = []
     for turn in ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)):  # about east, north, up
@@ -157,7 +157,7 @@ def lean_of_base(mount):
 
 
 def rate_hypotheses(names, mount, sensors, settings):
-    """How fast the state drifts, by each hypothesis.
+    """Drift rate of the state for each hypothesis.
 
     Parameters
     ----------
@@ -170,9 +170,9 @@ def rate_hypotheses(names, mount, sensors, settings):
     Returns
     -------
     rates : ndarray, shape (r, n, n)
-        What an hour adds to the covariance, rad^2.
+        Growth of the covariance per hour, rad^2.
     facts : list of dict
-        Of each ``zero`` and ``tilt`` (rad in the root of an hour) and ``who`` drifts.
+        For each ``zero`` and ``tilt`` (rad/sqrt(h)), and ``who`` drifts.
     """
     states = states_of(names, sensors)
     index, lean = mount.names.index, [mount.names.named(n) for n in ('AN', 'AW')]
@@ -203,7 +203,7 @@ def rate_hypotheses(names, mount, sensors, settings):
 
 
 def jumps_of(names, mount, sensors, settings):
-    """A `PossibleJump` of each size: of each axis, and of each cause that sensors distinguish."""
+    """A `PossibleJump` of each size for each axis and each cause that sensors distinguish."""
     states = states_of(names, sensors)
     causes = []  # name, shape, sizes
     for i, (term, axis) in enumerate(zip(mount.names.index, mount.names.axes), 1):
@@ -222,12 +222,12 @@ def jumps_of(names, mount, sensors, settings):
 
 
 def night_to_night(states, mount, settings):
-    """What may have changed since another night.
+    """Covariance of the changes from night to night.
 
     Parameters
     ----------
     states : sequence of str
-        Of `states_of`.
+        Result of `states_of`.
     mount : Mount
     settings : TrackingSettings
 
@@ -244,15 +244,15 @@ def night_to_night(states, mount, settings):
 
 
 def power_on_change(states, mount, axes, sigma):
-    """What an incremental encoder that is switched on does to what is known.
+    """Covariance of the change when an incremental encoder is switched on.
 
     Parameters
     ----------
     states, mount
-        As of `night_to_night`.
+        See `night_to_night`.
     axes : sequence of int
     sigma : float
-        By how much its zero is another one, rad.
+        1 sigma of the change of its zero, rad.
 
     Returns
     -------
@@ -268,6 +268,6 @@ def _direction(states, shape):
 
 
 def _spread(states, shapes):
-    """Covariance of states that move by independent steps of 1 along each of some shapes."""
+    """Covariance of states that move by independent unit steps along some shapes."""
     steps = np.array([_direction(states, shape) for shape in shapes]).reshape(-1, len(states))
     return steps.T @ steps

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A measured run tracked star by star: what each star was missed by before it was seen."""
+"""A measured run tracked star by star: the prediction error of each star."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,7 @@ from .smoother import SmoothedNight
 from .tracked_night import TrackedNight, difference_of, lean_of
 from .tracker import model_of_fit
 
-#: stars of a run to which the model of the evening is fitted, at least
+#: fewest stars to which the model of the evening is fitted
 FEWEST = 12
 
 
@@ -44,21 +44,21 @@ class TrackedRun:
     model : PointingModel
         After the last star.
     rows : ndarray of int, shape (t,)
-        Of the run, those that were stars of the track.
+        Indices in the run of the stars tracked.
     time : ndarray, shape (t,)
         UTC, s.
     evening, live : ndarray, shape (t, 2)
-        What each star was missed by, x and y on the sky, before it was seen: by the model of the
-        evening, by the tracked one; rad.
+        Prediction error of each star, x and y on the sky, with the model of the evening and with
+        the tracked model; rad.
     sigma : ndarray, shape (t, 2)
-        1 sigma that the tracked one expected, with the noise of the star, rad.
+        1 sigma expected by the tracked model, with the noise of the star, rad.
     smoothed : SmoothedNight
     document : dict
-        As of `TrackedNight.document`.
+        See `TrackedNight.document`.
     fitted : int
-        Rows to which the model of the evening was fitted; 0: it was given.
+        Number of rows to which the model of the evening was fitted; 0: it was given.
     notes : list of str or Finding
-        What was read and how, what its columns may be mistaken for.
+        Notes of the file reader, and doubts about the columns.
     """
 
     model: PointingModel
@@ -73,7 +73,7 @@ class TrackedRun:
     notes: list
 
     def summary(self):
-        """For JSON, with findings; arcsec, radial RMS of the stars before they were seen."""
+        """Summary for JSON, with findings; arcsec, radial RMS of the prediction errors."""
         notes = [*self.notes, *self.document['notes']]
         return {**self.document, 'notes': notes, 'fitted_rows': self.fitted, 'missed_rms_arcsec': {
             'model of the evening': rms(*self.evening.T) / ARCSEC,
@@ -92,13 +92,13 @@ def track_run(run, model=None, first=None, names=None, progress=None):
     run : PointingRun
         With the column ``time``; in any order.
     model : PointingModel, optional
-        Of the evening; by default fitted to the first rows.
+        Model of the evening; by default fitted to the first rows.
     first : int, optional
-        How many those are; by default a third of the run, `FEWEST` at least.
+        Number of these rows; by default a third of the run, at least `FEWEST`.
     names : sequence of str, optional
         Terms to fit; by default the physical ones.
     progress : callable, optional
-        Called with (text, done, total) as it goes on.
+        Called with (text, done, total).
 
     Returns
     -------
@@ -107,7 +107,7 @@ def track_run(run, model=None, first=None, names=None, progress=None):
     Raises
     ------
     ValueError
-        No times, too few rows, a model of another mount; columns that are not what they are named.
+        No times, too few rows, a model of another mount, or mistaken columns.
     """
     notes = [*run.meta.get('notes', ()), *check_columns(run).doubts(run.mount.names)]
     if 'time' not in run or not np.isfinite(run['time']).any():
@@ -159,14 +159,14 @@ def track_run(run, model=None, first=None, names=None, progress=None):
 
 
 def _complete(run):
-    """With what a log of ours has and a file may not."""
+    """Add columns that a file may lack but a log always has."""
     n = len(run)
     columns = dict(run.columns)
     columns.setdefault('run', np.zeros(n))
     star = columns.get('star')
     if star is None or np.asarray(star).dtype.kind not in 'fiu':
         columns['star'] = np.arange(1.0, n + 1.0)
-    for name in ('sigma_x', 'sigma_y'):  # one that is far below the others, as in a fit
+    for name in ('sigma_x', 'sigma_y'):  # raise sigmas far below the others, as in a fit
         if name in columns:
             known = np.isfinite(columns[name])
             columns[name] = np.array(columns[name], float)

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The terms of a night against time, from all that was measured before and after.
+"""The terms of a night against time, smoothed with all measurements before and after.
 
-A smoother along the history that the whole night makes likely, for each hypothesis of the rates, in
-the mean of them.
+A Kalman smoother with the jumps and wrong stars that are most likely given the whole night,
+averaged over the hypotheses on the drift rates.
 """
 
 from copy import deepcopy
@@ -31,9 +31,9 @@ from ...estimation.kalman import Rows, forward, smoothed
 from .motion_causes import night_to_night, power_on_change
 from .tracker import HOUR, WRONG
 
-#: what a sensor shows before its first reading, 1 sigma, rad
+#: prior sigma of a sensor before its first reading, rad
 _ANYTHING = 3600.0 * ARCSEC
-#: hypotheses of the rates that the night has ruled out cost time and change nothing
+#: smallest probability of a rate hypothesis that is used: others cost time and change nothing
 _LEAST = 1e-4
 _POWER_ON = ((0, 1), 60.0 * ARCSEC)
 
@@ -45,12 +45,12 @@ class SmoothedNight:
     Attributes
     ----------
     stamps : ndarray of int, shape (t,)
-        Of the stars that were taken, ns.
+        Times of the stars taken, ns.
     names : tuple of str, length k
     terms, sigma : ndarray, shape (t, k)
         rad.
     events : list of dict
-        ``stamp``, ``star`` (its number) and ``what`` has happened before it, or to it.
+        ``stamp``, ``star`` (its number) and ``what`` happened before it, or to it.
     """
 
     stamps: np.ndarray
@@ -68,14 +68,14 @@ class SmoothedNight:
 
 
 def smooth(tracker, night):
-    """Terms of a night by all of it.
+    """Smooth the terms of a night.
 
     Parameters
     ----------
     tracker : Tracker
-        As it was when the night began; it is not changed.
+        In the state at the beginning of the night; it is not changed.
     night : sequence of Measurement
-        In order. What the tracker refuses is left out.
+        In order. Measurements that the tracker refuses are skipped.
 
     Returns
     -------
@@ -114,12 +114,12 @@ def smooth(tracker, night):
 
 @dataclass
 class _Row:
-    """A measurement, linear in the states beyond the terms of the evening.
+    """A measurement, linear in the deviations from the terms of the evening.
 
-    In first order about where the live tracker has the terms.
+    Linearised at the terms of the live tracker.
     """
 
-    number: int  # of the star that it is, or comes before
+    number: int  # of this star, or of the next star
     is_star: bool
     stamp: int
     hours: float  # since the night began
@@ -133,7 +133,7 @@ def _values(model):
 
 
 def _events(live, rows, jumps, decided):
-    """Events of the night; jumps are added, and wrong stars show nothing any more."""
+    """Events of the night; adds them to `jumps`, and removes the values of wrong stars."""
     events = []
     for number in sorted(decided):
         chances, chance = decided[number]
@@ -146,7 +146,7 @@ def _events(live, rows, jumps, decided):
             if star is None:
                 continue
             star.columns, star.value, star.variance = star.columns[:0], star.value[:0], []
-        else:  # before the first that could see it
+        else:  # before the first measurement that could show it
             jumps += [Jump(here[0].hours, share / chances[what] * jump.covariance)
                       for jump, share in zip(live.filter.jumps, chance[:OUTLIER])
                       if jump.name == what]
@@ -171,7 +171,7 @@ def _path(tracker, live, rows, jumps):
         [np.diag(row.variance) for row in rows],
         [np.zeros((len(row.value), 0)) for row in rows]),
         dynamics, (mean - home, first + np.diag(sensors * _ANYTHING**2)),
-        begin=np.nextafter(0.0, -1.0))  # what jumps as the night begins is seen
+        begin=np.nextafter(0.0, -1.0))  # so that jumps at time 0 are included
     means, covariances = map(np.array, zip(*smoothed(passed)))
     mean, covariance = mixture(weights[kept] / weights[kept].sum(),
                                np.moveaxis(means[..., 0], 1, 0), np.moveaxis(covariances, 1, 0))

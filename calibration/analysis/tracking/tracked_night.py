@@ -12,11 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A night that is tracked: rows as the observer takes them, and the model after each.
+"""A tracked night: rows from the observer, and the model after each.
 
-The model that it begins with is in the provenance of every model that comes of it, so that
-who has the last one and the rows of the night has all: the same rows give the same numbers, here,
-after a restart and from the log.
+The initial model is in the provenance of every later model. So the last model and the rows of the
+night are sufficient: the same rows give the same numbers live, after a restart and from the log.
 """
 
 import json
@@ -42,58 +41,57 @@ from .smoother import smooth
 from .tracker import Tracker
 from .warm_start import WarmStart
 
-#: noise of a star where the model does not tell what it left, rad
+#: noise of a star if the model has no RMS of its fit, rad
 NOISE = 1.5 * ARCSEC
-#: events and innovations that are kept: the last ones
+#: largest number of last events and innovations kept
 MOST_EVENTS, MOST_NIS = 50, 500
 #: 95 % of chi squared with two degrees of freedom
 _BEYOND = -2.0 * np.log(0.05)
-#: a model of a file that does not tell when it held is of another night, ns
+#: smallest assumed age of a model from another night, ns
 _A_DAY = 86_400_000_000_000
-#: of a model that says of the nights before: just before the first star, ns
+#: age of a model with a record of earlier nights: just before the first star, ns
 _BEFORE = 10**9
-#: readings from which the noise of absolute - incremental encoder is found
+#: fewest readings to estimate the noise of a sensor
 _FEWEST = 8
 
 
 class TrackedNight:
-    """A tracker that is fed with rows of observations.
+    """A tracker fed with rows of observations.
 
     Parameters
     ----------
     model : PointingModel
-        To begin with. One that has the nights before (`history`) stands for them: the first
-        stars decide what has happened since.
+        Initial model. If it has a record of earlier nights (`history`), the first stars decide
+        what has changed since.
     zero : PowerOnZero
-        That goes with it; of another power-on it is widened.
+        Zero used with it; widened if it is of another power-on.
     stamp : int
-        When the model held, ns; rows up to then are in it.
+        Time at which the model was valid, ns; earlier rows are in the model already.
     noise : (float, float), optional
-        1 sigma of a star along x and y, rad, whose row has no ``sigma_x`` and ``sigma_y``; by
-        default what the model left of its own rows. Given ones count times what they were found
-        to be too small or too large by when the model was fitted.
+        1 sigma of a star along x and y, rad, for rows without ``sigma_x`` and ``sigma_y``; by
+        default the fit RMS of the model. Given sigmas are multiplied by the ratios found in the fit
+        of the model.
     difference, lean : dict, optional
-        Absolute - incremental encoder up to then, of `difference_of`, and what the base leans, of
-        `lean_of`; None: it is no sensor.
+        Absolute - incremental encoder until then, see `difference_of`, and tilt of the base, see
+        `lean_of`; None: not used as a sensor.
     rates : list of dict, optional
-        How fast such nights drift, as of `history.Rates.document`; by default what the model
-        says of it.
+        Drift rates of such nights, see `history.Rates.document`; by default those in the model.
 
     Attributes
     ----------
     zero : PowerOnZero
-        Taken off all readings. It stays: the index terms follow.
+        Subtracted from all readings. It stays fixed: changes go to the index terms.
     updates : list of TrackerUpdate
-        Of the rows that were taken last.
+        Updates from the rows taken last.
     measurements : list of Measurement or None
-        What the tracker took since `keep`.
+        Measurements of the tracker since `keep`.
     """
 
     def __init__(self, model, zero, stamp, noise=None, difference=None, lean=None, rates=None):
-        # what is written down and read again is the model, here as anywhere else
+        # use the model as written to JSON and read again, as everywhere else
         self._document = json.loads(model.to_json())
         self._evening = from_document(self._document)
-        # as it comes back from the column of times
+        # rounded like stamps that come back from the column of times
         self._began, self.zero, self._first_zero = _rounded(stamp * 1e-9), zero, zero
         self._rates = rates or model.provenance.get(RATES)
         noise = noise or _noise_of(model)
@@ -108,7 +106,7 @@ class TrackedNight:
         self._tracker = self._tracker_of(self._evening, self._began)
         past = Past.from_model(self._evening)
         self._warm_start = None if past is None else WarmStart(self._evening, past)
-        self._started = None  # how likely each hypothesis of the warm start was
+        self._started = None  # probabilities of the hypotheses of the warm start
         for axis in (0, 1) if difference else ():
             self._tracker.difference(self._began, axis, difference['apart'][axis],
                                      difference['sigma'][axis])
@@ -134,18 +132,18 @@ class TrackedNight:
         first = int(first * 1e9)
         held = model.provenance.get('last_stamp_ns')
         held = held if isinstance(held, int) else first
-        # one that says of nights is of this one: how far nights differ is in it
+        # a model with earlier nights is a prediction for this one: the scatter of nights is in it
         return cls(model, PowerOnZero(0.0, 0.0), first - _BEFORE if PAST in model.provenance
                    else min(held, first - _A_DAY))
 
     @classmethod
     def from_model(cls, model):
-        """The night as it began, from a model that came of it; it has to take its rows again.
+        """The beginning of a night from a later model of it; the rows must be taken again.
 
         Raises
         ------
         ValueError
-            It did not, or what it says of it is damaged.
+            The model was not tracked, or its record of the evening is damaged.
         """
         kept = model.provenance.get(KEY)
         if not isinstance(kept, dict) or 'evening' not in kept:
@@ -159,31 +157,31 @@ class TrackedNight:
             raise ValueError(f'the evening of a tracked model is damaged: {err}') from None
 
     def keep(self):
-        """Keep measurements from now on, for `smoothed`."""
+        """Store measurements from now on, for `smoothed`."""
         self.measurements, self._at_first = [], deepcopy(self._tracker)
 
     def smoothed(self):
-        """The night by all of its measurements since `keep`, a `SmoothedNight`."""
+        """The night smoothed with all measurements since `keep`, a `SmoothedNight`."""
         return smooth(self._at_first, self.measurements)
 
     @property
     def stars(self):
-        """How many were taken."""
+        """Number of stars taken."""
         return self._tracker.stars
 
     def take(self, rows):
-        """Take rows of the night; those before the begin are in the model already.
+        """Take rows of the night; earlier ones are in the model already.
 
         Parameters
         ----------
         rows : PointingRun
-            In order. Rows to judge by, satellites and what is not trusted are left out.
+            In order. Validation rows, satellites and distrusted rows are skipped.
 
         Returns
         -------
         list of TrackerUpdate
-            Of each star that was looked at, and of sensors where they make something known; also
-            in `updates`.
+            One for each star considered, and for sensor readings that reveal an event; also in
+            `updates`.
 
         Raises
         ------
@@ -197,9 +195,9 @@ class TrackedNight:
             own = rows.select([i])
             stamp = _rounded(own['time'][0])
             if stamp <= self._taken:
-                continue  # it is known, or in the model of the evening
+                continue  # taken already, or in the model of the evening
             self._taken = stamp
-            # one that froze is known by the rows before it, never by those after
+            # a frozen camera is detected from the rows before, never from later ones
             self._last = [*self._last[1 - SAME_ROWS:], own]
             if own['star'][0] < 0 or is_kept_out(own)[0] or distrusted(
                     PointingRun.concatenate(self._last))[-1]:
@@ -220,11 +218,11 @@ class TrackedNight:
         return self.updates
 
     def _take_star(self, stamp, values, given):
-        """To the tracker; one of the first of a night to what it is made of."""
+        """Pass a star to the tracker, or, for the first ones of a night, to the warm start."""
         start = self._warm_start
         if start is None:
             return self._update('star', stamp, values)
-        update = self._tracker.star(stamp, *values)  # what was expected before it
+        update = self._tracker.star(stamp, *values)  # for the prediction before this star
         if not update.taken:
             return update
         *place_and_offset, _, _, context = values
@@ -245,16 +243,16 @@ class TrackedNight:
             self.keep()
 
     def model(self, stamp):
-        """The `PointingModel` by now, with all that is needed to come to it again.
+        """The current `PointingModel`, with all data needed to reproduce it.
 
         Parameters
         ----------
         stamp : int
-            Of the newest observation, ns.
+            Time of the newest observation, ns.
         """
         model, tracker = self._tracker.model(), self._tracker
         walk = np.sqrt(np.diag(np.tensordot(tracker.rate_weights, tracker.filter.rates, 1)))
-        # the nights before are in it by now
+        # drop the record of earlier nights, which has been used
         kept = {key: value for key, value in self._evening.provenance.items() if key != PAST}
         return replace(model, provenance={
             **kept, 'last_stamp_ns': stamp, KEY: {
@@ -269,15 +267,15 @@ class TrackedNight:
                     'rates': self._rates}}})
 
     def pair(self, stamp):
-        """`model`, and the zero that goes with it: all that is not known is in the model."""
+        """`model`, and the zero used with it: all uncertainty is in the model."""
         model = self.model(stamp)
         return model, replace(self.zero, covariance=np.zeros((2, 2)),
                               model=identity(model.to_json()))
 
     def document(self):
-        """The last updates and how well the mount is known, for JSON, with findings; arcsec."""
+        """The last updates and the expected errors, for JSON, with findings; arcsec."""
         tracker = self._tracker
-        # a ring at middle height stands for the sky
+        # a ring at 45 deg elevation represents the sky
         az, el = np.arange(0.0, 2.0 * np.pi, np.pi / 4.0), np.full(8, np.pi / 4.0)
         expected = [tracker.expected(az, el, 60.0 * minutes) for minutes in (0.0, 10.0, 60.0)]
         return {
@@ -305,7 +303,7 @@ class TrackedNight:
         return self._tracker.update(measurement)
 
     def _take_sensor(self, what, stamp, values):
-        """A reading of a sensor counts among the updates where it makes something known."""
+        """Pass a sensor reading to the tracker; record the update if it reveals an event."""
         update = self._update(what, stamp, values)
         if update.events:
             self.updates.append(update)
@@ -321,7 +319,7 @@ class TrackedNight:
         run = float(row['run'][0])
         if run == self.zero.run:
             return
-        # from night to night they are switched on: that is in what is known of nights before
+        # before the first star a power-on is already in the scatter of earlier nights
         if self._warm_start is None or self._warm_start.stars:
             self._update('power_on', stamp, ((0, 1), BROAD))
             if self._warm_start is not None:
@@ -333,18 +331,18 @@ class TrackedNight:
         if 'az_abs' not in row:
             return
         start = float(row['absolute_start'][0]) if 'absolute_start' in row else None
-        if start != self._absolute_start:  # its zero is another one too
+        if start != self._absolute_start:  # the zero of the absolute encoder has changed, too
             self._tracker.reference.clear()
             self._absolute_start = start
         for axis, name in enumerate(('az', 'el')):
             first = self._difference['apart'][axis]
             read = float(row[f'{name}_abs'][0] - row[f'{name}_enc'][0])
-            if np.isfinite(read):  # turns that one of them does not count are no matter
+            if np.isfinite(read):  # whole turns, which one of them may not count, are ignored
                 self._take_sensor('difference', stamp, (
                     axis, first + float(wrap(read - first)), self._difference['sigma'][axis]))
 
     def _given_noise(self, row):
-        """Of a row that has its own, (x, y), rad; None of others."""
+        """Noise given in a row, (x, y), rad; None if it has none."""
         given = [float(row.get(f'sigma_{axis}', [np.nan])[0]) for axis in 'xy']
         if not all(np.isfinite(one) and one > LEAST_SIGMA for one in given):
             return None
@@ -362,7 +360,7 @@ def _rounded(seconds):
 
 
 def difference_of(rows):
-    """Absolute - incremental encoder as it stands, and how much one reading of it scatters.
+    """Current absolute - incremental encoder, and the scatter of one reading of it.
 
     Parameters
     ----------
@@ -372,8 +370,8 @@ def difference_of(rows):
     Returns
     -------
     dict or None
-        ``apart`` and ``sigma`` of each axis, rad, and ``absolute_start``; of the newest
-        power-on. None: too few readings, or no absolute encoder.
+        ``apart`` and ``sigma`` of each axis, rad, and ``absolute_start``, for the newest power-on.
+        None: too few readings, or no absolute encoder.
     """
     if 'az_abs' not in rows:
         return None
@@ -394,7 +392,7 @@ def difference_of(rows):
 
 
 def lean_of(rows):
-    """What the base leans as it stands, and how much one reading of it scatters.
+    """Current tilt of the base, and the scatter of one reading of it.
 
     Parameters
     ----------
@@ -417,7 +415,7 @@ def lean_of(rows):
 
 
 def _level(read):
-    """Median of the last readings (..., n), and 1 sigma of one by the differences of neighbours."""
+    """Median of the last readings (..., n), and 1 sigma of one from successive differences."""
     return (np.median(read[..., -_FEWEST:], axis=-1).tolist(),
             float(sigma_of(np.diff(read)) / np.sqrt(2.0)))
 
@@ -432,7 +430,7 @@ def _noise_of(model):
 
 
 def _ratios_of(model):
-    """What sigmas that are given are multiplied by, of x and y: as the fit of the model found."""
+    """Factors of given sigmas of x and y, as found in the fit of the model."""
     ratios = model.provenance.get('sigma_ratios')
     try:
         ratios = tuple(map(float, ratios))

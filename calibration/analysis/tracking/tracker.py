@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model that follows its mount: stars and further sensors, one measurement after the other.
+"""Adaptive pointing model: a filter updated by stars and other sensors, one at a time.
 
     tracker = Tracker(model, stamp)                  # of a file or a fit, with its covariance
     update = tracker.star(stamp, az, el, x, y, sigma)
     tracker.model(), tracker.expected(az, el, seconds_ahead=600.0), update.events
 
-`x, y` is encoder - catalogue on the sky with the star centred, as `PointingRun.offsets` has it
-(zero taken off). Whoever pointed through a model and measured a miss distance has
-``model.offsets(az, el) + miss``. All that a tracker becomes follows from its measurements in order,
-to the bit: a copy of it, or one that was pickled, goes on where it was.
+`x, y` is encoder - catalogue on the sky with the star centred, see `PointingRun.offsets` (zero
+subtracted). If you pointed through a model and measured a miss distance, it is
+``model.offsets(az, el) + miss``. The state of a tracker depends on its measurements and their order
+only, bit for bit: a copy or a pickled tracker continues from the same state.
 """
 
 from dataclasses import replace
@@ -48,52 +48,53 @@ from .motion_causes import (
     states_of,
 )
 
-#: from where it is reported that something has happened
+#: probability from which an event is reported
 SURE = 0.65
-#: beyond this the model of the evening is moved to where the terms are: columns are first order
+#: deviation of a term from which the model is linearised anew (columns are first order), and
+#: largest number of iterations
 _FAR, _ROUNDS = 30.0 * ARCSEC, 3
-#: what a term is known no better than, where a covariance is singular, rad
+#: smallest sigma of a term if the covariance is singular, rad
 _FLOOR = 0.5 * ARCSEC
 HOUR = 3.6e12  # ns
 WRONG = 'wrong star'
 
 
 class Tracker:
-    """The terms by now, from a model of the evening.
+    """The current terms, starting from a model of the evening.
 
     Parameters
     ----------
     model : PointingModel
-        With the covariance of its terms. Zeros that it does not have are added, unknown within
-        `zero_held_terms.BROAD`. Harmonics and effects stay as they are.
+        With the covariance of its terms. Missing zeros are added with sigma
+        `zero_held_terms.BROAD`. Harmonics and effects stay fixed.
     stamp : int
-        When the model held, ns.
+        Time at which the model was valid, ns.
     sensors : sequence of str
         ``difference``: absolute - incremental encoder of each axis; ``inclinometer``.
     settings : TrackingSettings, optional
     rate_weights : ndarray, shape (r,), optional
-        How likely each of `facts` is, as `history.rates_of_nights` gives it.
+        Prior probabilities of `facts`, see `history.rates_of_nights`.
 
     Attributes
     ----------
     notes : list of Finding
-        What was widened in the model.
+        How the covariance of the model was widened.
     facts : list of dict
-        The hypotheses of the rates.
+        The hypotheses on the drift rates.
     states : tuple of str
-        What `filter` knows: the terms, then what sensors show.
+        Names of the states of `filter`: the terms, then the readings of sensors.
     filter : GaussianSum
-        Of the states beyond the terms of `plain`.
+        Filter of the states, as deviations from the terms of `plain`.
     plain : PointingModel
-        That terms are counted from.
+        Model at which the filter is linearised.
     stamp : int
-        Of the last measurement that was taken, ns.
+        Time of the last measurement taken, ns.
     consistency : FilterConsistency
 
     Raises
     ------
     ValueError
-        A covariance that is none, an unknown sensor.
+        An invalid covariance, or an unknown sensor.
     """
 
     def __init__(self, model, stamp, *, sensors=(), settings=None, rate_weights=None):
@@ -124,7 +125,7 @@ class Tracker:
         self._fastest = np.array([fact['zero'] == max(settings.zeros) for fact in self.facts],
                                  dtype=float)
         self.stamp, self._last_star = int(stamp), None
-        self.reference = {}  # state that a sensor shows -> its first reading
+        self.reference = {}  # state of a sensor -> its first reading
         self.consistency = FilterConsistency()
         self._pending, self._reported = [], []  # (number, innovation), (number, name)
 
@@ -132,11 +133,11 @@ class Tracker:
 
     @property
     def stars(self):
-        """How many were taken."""
+        """Number of stars taken."""
         return self.filter.count
 
     def terms(self):
-        """Terms by now, rad, and their covariance, shape (k, k)."""
+        """Current terms, rad, and their covariance, shape (k, k)."""
         mean, covariance = self.filter.estimate()
         k = len(self._names)
         values = {name: value + float(off) for (name, value), off
@@ -144,26 +145,26 @@ class Tracker:
         return values, covariance[:k, :k]
 
     def model(self):
-        """The `PointingModel` by now."""
+        """The current `PointingModel`."""
         terms, covariance = self.terms()
         return replace(self.plain, terms=terms, covariance=covariance, provenance={
             **self.plain.provenance, 'tracked': {'stars': self.stars, 'stamp': self.stamp}})
 
     def expected(self, az, el, seconds_ahead=0.0):
-        """How far the model of now will be off, with what drifts unseen until then.
+        """Expected error of the current model, including the drift until then.
 
         Parameters
         ----------
         az, el : float or ndarray, shape (p,)
-            Places by the axes of the mount, rad.
+            Positions as angles of the mount axes, rad.
         seconds_ahead : float
-            Since the last measurement.
+            Time since the last measurement.
 
         Returns
         -------
         ExpectedError
-            Of shape (p, 2, 2). Without the effects of the model, and without a jump, of which
-            only the chance is given.
+            Shape (p, 2, 2). Without errors of the effects, and without jumps, for which only the
+            probability is given.
         """
         az, el = np.broadcast_arrays(*np.atleast_1d(az, el))
         columns, covariance = self.columns(az, el), self.ahead(seconds_ahead)
@@ -175,17 +176,17 @@ class Tracker:
         return ExpectedError(out, float(-np.expm1(-often * seconds_ahead / 3600.0)))
 
     def ahead(self, seconds):
-        """`GaussianSum.ahead` so long after the last measurement."""
+        """`GaussianSum.ahead` for a time after the last measurement."""
         return self.filter.ahead(seconds / 3600.0)
 
     def rates(self):
-        """How fast zeros and lean drift by now, rad in the root of an hour, and what drifts.
+        """Current estimates of the drift rates of zeros and tilt, rad/sqrt(h), and what drifts.
 
         Returns
         -------
         dict
-            ``zero`` and ``tilt`` (root of the mean square) and, with both encoders, ``who``:
-            how likely each is the one that drifts.
+            ``zero`` and ``tilt`` (RMS over the hypotheses) and, with both encoders, ``who``: the
+            probability that each part is the drifting one.
         """
         weights = self.rate_weights
         out = {name: float(np.sqrt(weights @ [fact[name] ** 2 for fact in self.facts]))
@@ -198,16 +199,16 @@ class Tracker:
 
     @property
     def rate_weights(self):
-        """How likely each of `facts` is by now, shape (r,)."""
+        """Current probabilities of `facts`, shape (r,)."""
         return self.filter.rate_weights()
 
     def chances(self, number):
-        """What may have happened before a star, by name; see `TrackerUpdate.chances`.
+        """Probabilities of events before a star, by name; see `TrackerUpdate.chances`.
 
         Parameters
         ----------
         number : int
-            Of the star, from 0.
+            Number of the star, from 0.
         """
         chance = self.filter.chance(number)
         out = {}
@@ -217,7 +218,7 @@ class Tracker:
         return {'nothing': max(0.0, 1.0 - sum(out.values())), **out}
 
     def columns(self, az, el):
-        """What unit states do to stars on the sky, shape (p, 2, n)."""
+        """Effect of unit states on stars on the sky, shape (p, 2, n)."""
         out = np.zeros((len(az), 2, len(self.states)))
         out[:, 0, :len(self._names)], out[:, 1, :len(self._names)] = design(
             self._names, az, el, self.mount)
@@ -226,7 +227,7 @@ class Tracker:
     # --- measurements -------------------------------------------------------------------------
 
     def update(self, measurement):
-        """Take a `Measurement`, whatever it is of."""
+        """Take a `Measurement` of any kind."""
         return getattr(self, measurement.what)(measurement.stamp, *measurement.values)
 
     def star(self, stamp, az, el, x, y, sigma, name='', context=None):
@@ -237,11 +238,11 @@ class Tracker:
         stamp : int
             ns.
         az, el : float
-            Catalogue place by the axes of the mount, rad.
+            Catalogue position as angles of the mount axes, rad.
         x, y : float
             Encoder - catalogue, on the sky, with the star centred, rad.
         sigma : float or (float, float)
-            1 sigma of the noise of each, rad.
+            1 sigma noise of each, rad.
         name : str
         context : Context or dict, optional
             Drivers of the model's effects.
@@ -265,7 +266,7 @@ class Tracker:
         columns = self.columns(np.atleast_1d(az), np.atleast_1d(el))[0]
         noise, number = sigma * self.consistency.noise, self.stars
         innovation, spread = self.filter.expected(columns, value, noise)
-        for _ in range(_ROUNDS):  # where terms go far, again about where they went
+        for _ in range(_ROUNDS):  # if terms change much, linearise at the new terms and repeat
             before = self.filter.copy()
             self.filter.observe(columns, value, noise)
             far = self.filter.estimate()[0]
@@ -284,7 +285,7 @@ class Tracker:
                              events, consistency, (columns, value, noise))
 
     def difference(self, stamp, axis, value, sigma):
-        """Take absolute - incremental encoder of an axis; its first says what it was.
+        """Take absolute - incremental encoder of an axis; the first value is the reference.
 
         Parameters
         ----------
@@ -302,7 +303,7 @@ class Tracker:
         return self._sensor(stamp, 'difference', {f'difference_{axis + 1}': value}, sigma)
 
     def inclinometer(self, stamp, north, west, sigma):
-        """Take how much the base leans to the north and to the west; the first says how it was.
+        """Take the tilt of the base to the north and west; the first values are the reference.
 
         Parameters
         ----------
@@ -341,7 +342,7 @@ class Tracker:
                              self._decided(number), row=(columns, value, noise))
 
     def power_on(self, stamp, axes=(0, 1), sigma=60.0 * ARCSEC):
-        """The incremental encoder was switched on, or homed: its zero is another one.
+        """The incremental encoder was switched on, or homed: its zero has changed.
 
         Parameters
         ----------
@@ -349,7 +350,7 @@ class Tracker:
             ns.
         axes : sequence of int
         sigma : float
-            By how much, rad.
+            1 sigma of the change, rad.
 
         Returns
         -------
@@ -365,7 +366,7 @@ class Tracker:
     # --- inside -------------------------------------------------------------------------------
 
     def _refused(self, stamp, values, sigmas):
-        """The stamp, and why a measurement is refused or None."""
+        """The stamp, and the reason why a measurement is refused, or None."""
         if not np.isfinite(stamp):
             return 0, Finding('no stamp')
         stamp = int(stamp)
@@ -378,7 +379,7 @@ class Tracker:
         return stamp, None
 
     def _wait(self, stamp):
-        """Let time pass until a measurement; a Finding where that was long."""
+        """Propagate to the time of a measurement; returns a Finding after a long gap."""
         hours = (stamp - self.stamp) / HOUR
         self.filter.wait(hours)
         self.stamp = stamp
@@ -388,7 +389,7 @@ class Tracker:
         return Finding('long gap', hours, unit='h')
 
     def _decided(self, number):
-        """What is decided of the last stars and was not before."""
+        """Findings on events before the last stars that have just been decided."""
         out = []
         first = number - self.settings.depth
         self._reported = [one for one in self._reported if one[0] > first]
@@ -396,7 +397,7 @@ class Tracker:
             for name, chance in self.chances(before).items():
                 if name == 'nothing' or chance < SURE or (before, name) in self._reported:
                     continue
-                # a star alone does not tell a jump from a wrong star; the encoders do
+                # one star cannot distinguish a jump from a wrong star; the encoders can
                 if before < number or name == WRONG or name.startswith((INCREMENTAL, ABSOLUTE)):
                     self._reported.append((before, name))
                     out.append(Finding(WRONG if name == WRONG else 'jump', chance, unit='',
@@ -404,7 +405,7 @@ class Tracker:
         return tuple(out)
 
     def _tested(self, number):
-        """What the stars that are decided by now say of `consistency`."""
+        """Test `consistency` with the stars that are decided by now."""
         out = None
         while self._pending and self._pending[0][0] <= number - self.settings.depth + 1:
             before, off = self._pending.pop(0)
@@ -414,7 +415,7 @@ class Tracker:
         return out
 
     def _move(self, far):
-        """The model that terms are counted from goes by `far`, shape (n,)."""
+        """Move the linearisation point by `far`, shape (n,)."""
         before = self.plain.terms
         self.plain = replace(self.plain, terms={
             name: value + float(off) for (name, value), off in zip(before.items(), far)})
@@ -424,12 +425,12 @@ class Tracker:
 
 
 def model_of_fit(fit):
-    """The model of a batch fit, with what its stars did not determine as unknown.
+    """The model of a batch fit, with undetermined directions added to its covariance.
 
     Parameters
     ----------
     fit : FitResult
-        Directions that it dropped are not in its covariance; here they are, within `BROAD`.
+        Dropped directions are missing in its covariance; they get sigma `BROAD` here.
 
     Returns
     -------
@@ -448,7 +449,7 @@ def model_of_fit(fit):
 
 
 def _complete(model):
-    """Terms with the zeros of both axes, their covariance, and what had to be widened.
+    """Terms including the zeros of both axes, their covariance, and notes on its widening.
 
     Returns
     -------

@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A night that begins: the past, and three to five stars.
+"""The beginning of a night: terms from earlier nights and three to five stars.
 
-A model of `telescope-mount season` has in its provenance what the terms have been from night to
-night and how fast they drift within one (`history`). With these a tracked night begins, and from
-then on a `Tracker` follows.
+A model of `telescope-mount season` has in its provenance the distribution of the terms from night
+to night and their drift rates within one (`history`). A tracked night begins with these, and then
+continues with a `Tracker`.
 
-Four things may have happened since the last run: nothing, the zeros moved (an encoder that was
-switched on), the lean too (a mount that was carried or set up anew), or more than that (a mirror
-was taken out). Each is a distribution of tonight's terms; the stars say which, and what follows is
-the mean of them, each as likely as it is. A wrong star among them is weighed too.
+Four things may have happened since the last run: nothing, the zeros moved (an encoder was switched
+on), the tilt too (the mount was carried or set up anew), or more (a mirror was taken out). Each is
+a prior distribution of tonight's terms. The first stars give their posterior probabilities, and the
+start is the mixture of them. A wrong star among these is allowed for.
 """
 
 from dataclasses import dataclass, replace
@@ -37,26 +37,25 @@ from ..finding import Finding
 
 AS_IT_WAS, ZEROS, LEAN, REFIT = HYPOTHESES = (
     'all as it was', 'only the zeros moved', 'the tilt too', 'more than that')
-#: how likely each is before any star
+#: prior probability of each
 CHANCES = (0.4, 0.3, 0.15, 0.15)
-#: (times as far as runs have scattered so far, how likely) where it is more than the lean
+#: for `REFIT`: (factor of the scatter of earlier runs, probability)
 FARTHER = ((1.0, 0.7), (3.0, 0.3))
-#: 1 sigma of what is as it was: zeros, lean, others, rad
+#: 1 sigma of unchanged zeros, tilt and other terms, rad
 _STILL = (1.0 * ARCSEC, 0.5 * ARCSEC, 0.2 * ARCSEC)
-#: zeros and lean that move do so as they have scattered from run to run, and by that at least, 1
-#: sigma, rad
+#: smallest 1 sigma of a change of zeros and tilt, rad; otherwise it is their scatter between runs
 _LEAST_ZERO, _LEAST_LEAN = 20.0 * ARCSEC, 5.0 * ARCSEC
-#: part of wrong stars, and what they miss by, rad
+#: share of wrong stars, and 1 sigma of their error, rad
 _WRONG, _WRONG_SIGMA = 0.02, 300.0 * ARCSEC
-#: stars that a night begins with
+#: number of stars used
 STARS = 5
-#: columns are first order about the terms: offsets are taken again about where they went
+#: iterations: columns are first order, so offsets are linearised again at the new terms
 _ROUNDS = 2
 
 
 @dataclass(frozen=True)
 class NightStart:
-    """What the first stars of a night say.
+    """Terms after the first stars of a night.
 
     Attributes
     ----------
@@ -65,7 +64,7 @@ class NightStart:
     covariance : ndarray, shape (k, k)
         rad^2.
     chances : dict of str to float
-        Of each of `HYPOTHESES`.
+        Probability of each of `HYPOTHESES`.
     """
 
     terms: dict
@@ -74,19 +73,19 @@ class NightStart:
 
     @property
     def likeliest(self):
-        """Of `HYPOTHESES`."""
+        """The most likely of `HYPOTHESES`."""
         return max(self.chances, key=self.chances.get)
 
 
 def begin(past, columns, offsets, noise=None, *, mount=ALTAZ):
-    """Tonight's terms from a few stars and the past.
+    """Tonight's terms from a few stars and earlier nights.
 
     Parameters
     ----------
     past : Past
-        Its names are the terms; `last` is what the night may be like.
+        Defines the terms; `last` is the starting point of all hypotheses but `REFIT`.
     columns : ndarray, shape (n, 2, k)
-        Of the stars, see `history.rows_of`.
+        Design columns of the stars, see `history.rows_of`.
     offsets : ndarray, shape (n, 2)
         rad.
     noise : ndarray, shape (n, 2), optional
@@ -138,7 +137,7 @@ class WarmStart:
     Attributes
     ----------
     start : NightStart or None
-        By the stars so far.
+        From the stars so far.
     """
 
     def __init__(self, model, past):
@@ -150,21 +149,21 @@ class WarmStart:
 
     @property
     def stars(self):
-        """How many were taken."""
+        """Number of stars taken."""
         return len(self._stars)
 
     @property
     def over(self):
-        """Whether a `Tracker` goes on from here."""
+        """Whether it is complete, and a `Tracker` takes over."""
         return self.stars >= STARS
 
     def take(self, az, el, x, y, context=None, sigma=None):
-        """Take a star; what they all say by now, `NightStart`.
+        """Take a star, and return the `NightStart` from all stars so far.
 
         Parameters
         ----------
         az, el, x, y, context, sigma
-            As of `Tracker.star`; without `sigma` the noise is that of the nights before.
+            See `Tracker.star`; without `sigma` the noise is that of earlier nights.
         """
         self._columns.append(np.stack(design(self._past.names, np.atleast_1d(az),
                                              np.atleast_1d(el), self._model.mount), axis=1)[0])
@@ -182,7 +181,7 @@ class WarmStart:
         return self.start
 
     def model(self):
-        """The `PointingModel` by now."""
+        """The current `PointingModel`."""
         off = np.array(list(self.start.terms.values()))
         return self._with(self._last + off, self.start.covariance)
 
@@ -191,12 +190,12 @@ class WarmStart:
                        covariance=covariance)
 
     def document(self):
-        """How likely each of `HYPOTHESES` is, JSON-ready."""
+        """Probabilities of `HYPOTHESES`, JSON-ready."""
         return {'stars': self.stars, 'of': STARS,
                 'chances': self.start.chances if self.start else None}
 
     def finding(self):
-        """What has happened since the nights before."""
+        """Finding: what has changed since earlier nights."""
         start = self.start
         return Finding('night start', start.chances[start.likeliest], unit='',
                        causes=(start.likeliest,), evidence={'stars': self.stars})
