@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The terms of a mount night by night: how they drift, what moves them, what tonight's will be."""
+"""The terms of a mount night by night: drift, causes of changes, prediction for tonight."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A season analysed: causes, random walks, the season by all its nights and a night to come."""
+"""Analysis of a season: causes, random walks, smoothed terms, and a prediction for a night."""
 
 from dataclasses import dataclass, replace
 
@@ -33,7 +33,7 @@ from .season_kalman import (
 )
 from .season_nights import Nights, date_of, days, table_rows, without_odd_nights
 
-#: stars with their own times of a night that gives how fast terms drift
+#: fewest stars with separate times in a night used for drift rates
 TELLING = 12
 _DAY = 86400.0
 _YEAR = 365.25
@@ -41,7 +41,7 @@ _YEAR = 365.25
 
 @dataclass(frozen=True)
 class SeasonAnalysis:
-    """What is known of a season.
+    """Result of `analyse_season`.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class SeasonAnalysis:
     tonight : float
         UTC, s.
     mean : ndarray, shape (k,)
-        Terms foretold for then, rad.
+        Terms predicted for tonight, rad.
     covariance : ndarray, shape (k, k)
         rad^2.
     notes : list of Finding
@@ -68,7 +68,7 @@ class SeasonAnalysis:
     notes: list
 
     def coefficients(self):
-        """Of each cause: values and 1 sigma, rad, shapes (terms, m)."""
+        """Coefficients of each cause: values and 1 sigma, rad, shapes (terms, m)."""
         out, at, found = [], len(self.season.names), self.path.estimate
         sigma = np.sqrt(np.diag(found.covariance))
         for one in self.causes:
@@ -80,14 +80,14 @@ class SeasonAnalysis:
         return out
 
     def findings(self):
-        """One for each cause."""
+        """One Finding for each cause."""
         return [_finding(self.season, found, *own)
                 for found, own in zip(self.causes, self.coefficients())]
 
     def model(self):
-        """`PointingModel` of the night to come: the terms foretold with their covariance.
+        """`PointingModel` for tonight: the predicted terms with their covariance.
 
-        In its provenance stands what a tracked night begins with, see `tracking.warm_start`.
+        Its provenance has the priors for a tracked night, see `tracking.warm_start`.
         """
         earlier = {}
         if all(night.run is not None for night in self.season.nights):
@@ -103,7 +103,7 @@ class SeasonAnalysis:
                 'for': date_of(self.tonight), **earlier})
 
     def document(self):
-        """All of it, for JSON, with findings; angles in arcsec."""
+        """The full result for JSON, with findings; angles in arcsec."""
         names, k = self.season.names, len(self.season.names)
         sigma = np.sqrt(np.diag(self.covariance))
         own = np.sqrt(np.maximum(np.array([np.diag(c) for c in self.path.covariances]), 0.0))
@@ -137,19 +137,19 @@ class SeasonAnalysis:
 
 
 def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=SEASON_ALPHA):
-    """Find what moves the terms of a season, and foretell a night.
+    """Find causes of changes in the terms of a season, and predict a night.
 
     Parameters
     ----------
     season : Nights
     declared : sequence of (float, str)
-        UTC (s) of what was done to the mount, and what.
+        Maintenance of the mount: UTC (s), and what was done.
     tonight : float, optional
         UTC, s; by default a day after the last night.
     causes : dict of str to float, optional
-        Columns of that night, as far as they are known.
+        Known columns of that night.
     alpha : float
-        Chance that a cause is found in a season without any.
+        Threshold of the p-value of a cause, see `SEASON_ALPHA`.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=SEAS
     Raises
     ------
     ValueError
-        A night to come that is not after the last, a column that no night has.
+        `tonight` is before the last night, or no night has a column in `causes`.
     """
     season, odd = without_odd_nights(season)
     nights, k = season.nights, len(season.names)
@@ -193,8 +193,7 @@ def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=SEAS
 
 
 def _of_unknown(analysis, unknown):
-    """Covariance of the terms by what causes that are not known tonight scatter from night to
-    night."""
+    """Covariance of the terms due to causes unknown tonight, from their scatter between nights."""
     k = len(analysis.season.names)
     out = np.zeros((k, k))
     for found, (values, _) in zip(analysis.causes, analysis.coefficients()):
@@ -207,20 +206,20 @@ def _of_unknown(analysis, unknown):
 
 
 def past_and_rates(season, mean):
-    """What nights before say of one to come, and of how terms drift within one.
+    """Priors from earlier nights: distribution of the terms, and drift rates within a night.
 
     Parameters
     ----------
     season : Nights
     mean : ndarray, shape (k,)
-        Terms that are foretold, rad.
+        Predicted terms, rad.
 
     Returns
     -------
     past : tracking.history.Past
-        Scatter from night to night as `past_of_runs` has it.
+        Scatter from night to night from `past_of_runs`.
     rates : tracking.history.Rates or None
-        None where no night has stars with times.
+        None if no night has stars with times.
     """
     past = replace(past_of_runs([night.run for night in season.nights], season.names), mean=mean)
     model = PointingModel(dict(zip(season.names, mean.tolist())), past.covariance,
@@ -231,7 +230,7 @@ def past_and_rates(season, mean):
 
 
 def _timed(run):
-    """Rows with their own times, in order."""
+    """Rows with distinct times, in order."""
     time, first = np.unique(run.get('time'), return_index=True)
     return run.select(first[np.isfinite(time)])
 

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What moves the terms from night to night: temperature, time, the year, a date of maintenance.
+"""Causes of changes from night to night: temperature, trend, time of year, maintenance, steps.
 
-Each candidate is a column beside a level that walks at random by itself, so that what drifts is not
-called a cause because both drift; walk and scatter are estimated anew with it.
+Each candidate is a regressor in a model with a random walk, so that two drifting quantities are not
+taken for cause and effect. Random walk and scatter are re-estimated with each candidate.
 """
 
 from typing import NamedTuple
@@ -26,45 +26,46 @@ from scipy.special import comb, fdtrc
 from ...estimation.kalman import jump_gains
 from .season_kalman import fit_variation
 
-#: threshold of the chance below, which is too small where nights are few: so 1 season of 100 that
-#: has no cause shows one (docs/season.md)
+#: threshold of the p-value below. With few nights this p-value is too small: with this threshold,
+#: 1 of 100 seasons without a cause shows one (docs/season.md)
 SEASON_ALPHA = 0.002
-#: nights on either side of a step that nobody has declared, and of one that somebody has
+#: fewest nights on either side of an undeclared step, and of a declared one
 _BESIDE, _BESIDE_DECLARED = 2, 1
-#: candidates that are looked at closely
+#: number of most promising candidates that are fitted fully
 _CLOSER = 4
-#: most causes of a season: so many, and of a long one, one for so many nights
+#: largest number of causes: this many, or in a long season one for this many nights
 _LEAST_MOST, _NIGHTS_A_CAUSE = 8, 4
-#: steps of one term that are looked at together, at most
+#: largest number of steps of one term that are tested jointly
 _DEEP = 6
-#: variance of the walk from night to night, of that of a night, from where it may hide steps
+#: variance of the random walk per night, relative to that of a night, from which it may hide steps
 _HIDES = 0.01
-#: of the chance of another candidate: more like it are as good, but for rounding
+#: a candidate replaces the best one only if its p-value is smaller by this factor: not by rounding
 _BETTER = 0.99
-#: part of the nights that must have a cause's value
+#: smallest share of nights with a value of a cause
 _ENOUGH = 0.8
-#: scatter of a cause within a night, of that of the means of nights, up to which its mean counts
+#: largest scatter of a cause within a night, relative to the scatter of nightly means
 _WITHIN = 2.0
 _YEAR = 365.25
 
 
 class Cause(NamedTuple):
-    """What may move terms.
+    """A possible cause of changes in the terms.
 
     Attributes
     ----------
     kind : str
         ``column``, ``trend``, ``year``, ``declared`` or ``step``.
     text : str
-        For people.
+        Description for users.
     terms : tuple of int
-        Numbers of the terms that it moves.
+        Indices of the terms that it changes.
     shape : ndarray, shape (n, m)
-        Of it at each night; each term has a coefficient for each.
+        Regressors in each night; each term has one coefficient for each.
     unit : str
-        Of a coefficient, after arcsec.
+        Unit of a coefficient, after arcsec.
     tonight : callable
-        From days since the first night and the causes of that night to the (m,) of a night to come.
+        Returns the regressors, shape (m,), of a future night, from days since the first night and
+        the causes of that night.
     """
 
     kind: str
@@ -76,11 +77,11 @@ class Cause(NamedTuple):
 
     @property
     def first(self):
-        """Number of the first night of a step."""
+        """Index of the first night after a step."""
         return int(np.argmax(self.shape[:, 0]))
 
     def columns(self, k):
-        """As of `NightlyTerms`, shape (n, k, c)."""
+        """Columns for `NightlyTerms`, shape (n, k, c)."""
         n, m = self.shape.shape
         out = np.zeros((n, k, len(self.terms), m))
         for place, term in enumerate(self.terms):
@@ -88,18 +89,18 @@ class Cause(NamedTuple):
         return out.reshape(n, k, -1)
 
     def columns_of(self, day, values, k):
-        """The same of a night to come, shape (k, c)."""
+        """Columns for a future night, shape (k, c)."""
         return self._replace(shape=np.array([self.tonight(day, values)])).columns(k)[0]
 
 
 class SeasonChoice(NamedTuple):
-    """A cause that was found.
+    """A cause found.
 
     Attributes
     ----------
     cause : Cause
     p : float
-        Chance that a season without it shows as much anywhere among the candidates.
+        P-value, corrected for the number of candidates.
     """
 
     cause: Cause
@@ -107,15 +108,15 @@ class SeasonChoice(NamedTuple):
 
 
 def candidates(season, day, declared=()):
-    """All that may move the terms of a season.
+    """All possible causes in a season.
 
     Parameters
     ----------
     season : season_nights.Nights
     day : ndarray, shape (n,)
-        Since the first night.
+        Days since the first night.
     declared : sequence of (float, str)
-        Days since the first night on which something was done to the mount, and what.
+        Maintenance: days since the first night, and what was done to the mount.
 
     Returns
     -------
@@ -128,7 +129,7 @@ def candidates(season, day, declared=()):
         values, within = np.array([night.causes.get(name, (np.nan, np.nan))
                                    for night in season.nights]).T
         known = np.isfinite(values)
-        # what a night runs through, such as the angle of a rotator, has no mean that counts
+        # skip quantities that vary within a night, such as a rotator angle: the mean is meaningless
         if known.any() and name not in season.columns:
             known &= within <= _WITHIN * values[known].std()
         if known.mean() < _ENOUGH or np.ptp(values[known]) <= 0.0:
@@ -150,7 +151,7 @@ def candidates(season, day, declared=()):
                              np.sin(2.0 * np.pi * np.asarray(at) / _YEAR)], axis=-1)
         out += [Cause('year', 'the time of the year', terms, annual(day), 'of cosine and sine',
                       annual) for terms in every]
-    # each step is a part of it: one column for each would be nights x nights
+    # each step is a view into this array: separate columns would take nights x nights
     stair = np.repeat([0.0, 1.0], n)[:, None]
 
     def step(kind, text, terms, before, when):
@@ -168,7 +169,7 @@ def candidates(season, day, declared=()):
 
 
 def choose_causes(terms, candidates, alpha=SEASON_ALPHA):
-    """Add causes one after the other while each is beyond chance.
+    """Forward selection: add causes one at a time while they are significant.
 
     Parameters
     ----------
@@ -181,15 +182,15 @@ def choose_causes(terms, candidates, alpha=SEASON_ALPHA):
     -------
     found : list of SeasonChoice
     variation : TermVariation
-        With them, by REML.
+        Fitted with them, by REML.
     """
     n, k = terms.values.shape
     found, candidates = [], list(candidates)
     variation, base = fit_variation(terms, restricted=False)
-    # a step by each of its dates, all else by itself: as many chances as were tried
+    # Bonferroni: each date of a step and each other candidate is one test
     while candidates and len(found) < max(_LEAST_MOST, n // _NIGHTS_A_CAUSE):
         best = None
-        # what was declared stands before the steps, and one at its date says the same
+        # in this order a declared step comes before the same undeclared one, and wins a tie
         for number in sorted(_likely(terms, candidates, variation)):
             cause = candidates[number]
             with_it = _with(terms, [cause])
@@ -211,36 +212,37 @@ def choose_causes(terms, candidates, alpha=SEASON_ALPHA):
 
 
 def _with(terms, causes):
-    """With columns of more causes."""
+    """`NightlyTerms` with columns of more causes."""
     return terms.with_columns([cause.columns(terms.values.shape[1]) for cause in causes])
 
 
 def _together(terms, found, candidates, variation, base, alpha):
-    """Steps of one term that hide one another: with one taken the walk still has the others.
+    """Joint test of several steps of one term, which hide one another in the random walk.
 
-    So they are taken one after the other, each where it gains most, and tested together: by F with
-    as many coefficients, times the number of ways to choose as many. Those are kept each of which
-    is beyond chance with the others there.
+    With only one step in the model the random walk still absorbs the others. So steps are added one
+    at a time, each where it gains most, and tested jointly: by an F test with that many
+    coefficients, times the number of ways to choose that many steps. Steps that are not significant
+    given the others are dropped again.
 
     Parameters
     ----------
     terms : NightlyTerms
-        With the columns of what was found.
+        With the columns of the causes found.
     found : list of SeasonChoice
     candidates : list of Cause
     variation : TermVariation
     base : float
-        Log likelihood.
+        Log-likelihood.
     alpha : float
 
     Returns
     -------
     tuple or None
-        Chance of all, list of (Cause, chance of it beside the others), `NightlyTerms` with them,
-        their `TermVariation` and its log likelihood.
+        Joint p-value, list of (Cause, its p-value given the others), `NightlyTerms` with them,
+        their `TermVariation` and its log-likelihood.
     """
     (n, k), best = terms.values.shape, None
-    # a term that hardly walks hides nothing
+    # a term with hardly any random walk hides nothing
     walks = (variation.walk**2 * np.median(np.diff(terms.days))
              > _HIDES * variation.scatter**2)
     for term in np.flatnonzero(walks):
@@ -267,13 +269,13 @@ def _together(terms, found, candidates, variation, base, alpha):
 
 
 def _held(found, terms):
-    """Coefficients of what was found that move any of some terms; the most that one has."""
+    """Largest number of coefficients found so far for any one of these terms."""
     return max(sum(entry.cause.shape.shape[1] for entry in found if term in entry.cause.terms)
                for term in terms)
 
 
 def _each(terms, p, chosen, variation, held, ways, alpha):
-    """As `_together` of steps, of those that are beyond chance each beside the others."""
+    """Backward elimination of steps that are not significant given the others; see `_together`."""
     n = len(terms.days)
     while chosen and p < alpha:
         whole = _with(terms, chosen)
@@ -288,17 +290,18 @@ def _each(terms, p, chosen, variation, held, ways, alpha):
 
 
 def _chance(ratio, extra, n, held=0):
-    """Of twice a difference of log likelihoods, by F: nights are few.
+    """P-value of a likelihood ratio by an F test, because nights are few.
 
     Parameters
     ----------
     ratio : float
+        Twice the difference of the log-likelihoods.
     extra : int
-        Coefficients behind it.
+        Number of coefficients added.
     n : int
-        Nights.
+        Number of nights.
     held : int
-        Coefficients that the same terms have already.
+        Number of coefficients that the same terms have already.
 
     Returns
     -------
@@ -311,16 +314,16 @@ def _chance(ratio, extra, n, held=0):
 
 
 def _step_gains(terms, variation):
-    """What a step of each term at each night gains while the variation stays, shape (n, k)."""
+    """Gain of a step of each term at each night with fixed variation, shape (n, k)."""
     return jump_gains(terms.forward(*np.square(variation)))
 
 
 def _likely(terms, candidates, variation):
-    """Numbers of the candidates that promise most while walk and scatter stay."""
+    """Indices of the most promising candidates, tested with fixed random walk and scatter."""
     n, k = terms.values.shape
     gains = _step_gains(terms, variation)
     chances = np.ones(len(candidates))
-    rest = []  # all but the steps, of which there is one for each term and night
+    rest = []  # candidates other than steps, of which there is one for each term and night
     for number, cause in enumerate(candidates):
         if cause.kind == 'step':
             chances[number] = _chance(gains[cause.first, cause.terms[0]], 1, n)
@@ -333,7 +336,7 @@ def _likely(terms, candidates, variation):
     base = passed.log_likelihood(False, np.arange(first))
     for number, low, high in zip(rest, ends[:-1], ends[1:]):
         of = np.r_[0:first, low:high]
-        if np.linalg.cond(passed.whitened[:, 1 + of]) > 1e6:  # the same as what is there
+        if np.linalg.cond(passed.whitened[:, 1 + of]) > 1e6:  # collinear with existing columns
             continue
         gain = passed.log_likelihood(False, of) - base
         chances[number] = _chance(2.0 * gain, high - low, n)
@@ -342,6 +345,6 @@ def _likely(terms, candidates, variation):
 
 
 def _alike(one, other):
-    """Whether a candidate is no other cause than one that was taken."""
+    """Whether a candidate is the same cause as one already taken."""
     return bool(set(one.terms) & set(other.terms)) and one.kind == other.kind and (
         one.kind != 'column' and one.kind != 'step' or one.text == other.text)

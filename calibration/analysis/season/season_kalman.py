@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Terms from night to night: a random walk, scatter of single nights, and what moves them.
+"""Terms from night to night: a random walk, scatter of single nights, and causes of changes.
 
-Each night's fit shows the level of every term, off by the error of the fit (its covariance as a
-whole) and by what is of that night alone; the level walks from night to night and moves with
-causes. Harvey 1989, Forecasting, structural time series models and the Kalman filter, chapters 3
-and 4: local level with regressors. The filter is that of `estimation.kalman`.
+Each night's fit measures the level of every term with the error of the fit (full covariance) and an
+independent scatter of that night. The level is a random walk plus regressors for the causes: a
+local level model with regressors (Harvey 1989, Forecasting, structural time series models and the
+Kalman filter, chapters 3 and 4). The filter is that of `estimation.kalman`.
 """
 
 from typing import NamedTuple
@@ -38,26 +38,26 @@ from ...estimation.kalman import (
     smoothed,
 )
 
-#: bounds of both sigmas, rad and rad in the root of a day
+#: bounds of both sigmas, rad and rad/sqrt(day)
 _LEAST, _MOST = 1e-3 * ARCSEC, 1e4 * ARCSEC
-#: step of the gradient in the logarithm
+#: finite-difference step of the gradient, in the logarithm
 _STEP = 1e-4
 
 
 class TermVariation(NamedTuple):
-    """How k terms vary from night to night."""
+    """Variation of k terms from night to night."""
 
-    walk: np.ndarray  # (k,), of the random walk, rad in the root of a day
-    scatter: np.ndarray  # (k,), 1 sigma of what is of one night alone, rad
+    walk: np.ndarray  # (k,), random walk, rad/sqrt(day)
+    scatter: np.ndarray  # (k,), 1 sigma of the independent scatter of each night, rad
 
 
 class NightlyTerms(NamedTuple):
-    """The k terms of n nights, and c columns of what moves them."""
+    """The k terms of n nights, and c columns of causes."""
 
-    days: np.ndarray  # (n,), not falling
+    days: np.ndarray  # (n,), not decreasing
     values: np.ndarray  # (n, k), rad
     covariances: np.ndarray  # (n, k, k), rad^2
-    columns: np.ndarray  # (n, k, c), of causes with unit coefficients
+    columns: np.ndarray  # (n, k, c), changes by causes with unit coefficients
 
     def with_columns(self, more):
         """With more columns, a sequence of (n, k, m)."""
@@ -74,28 +74,28 @@ class NightlyTerms(NamedTuple):
 
 
 class SeasonPath(NamedTuple):
-    """The terms of a season by all of its nights."""
+    """The smoothed terms of a season."""
 
-    levels: np.ndarray  # (n, k), at each night with what moves them, rad
-    covariances: np.ndarray  # (n, k, k), of them
-    innovations: np.ndarray  # (n, k), each night less what those before say, in sigmas; or NaN
-    estimate: Estimate  # of the levels at first and of the coefficients of the columns
+    levels: np.ndarray  # (n, k), at each night, including causes, rad
+    covariances: np.ndarray  # (n, k, k), of the levels
+    innovations: np.ndarray  # (n, k), each night minus its prediction, in sigmas; or NaN
+    estimate: Estimate  # of the initial levels and the coefficients of the columns
     passed: ForwardPass
 
 
 def fit_variation(terms, start=None, restricted=True, term=None):
-    """The most likely `TermVariation`, and its log likelihood.
+    """The maximum likelihood `TermVariation`, and its log-likelihood.
 
     Parameters
     ----------
     terms : NightlyTerms
     start : TermVariation, optional
-        Of a season that is nearly the same.
+        Initial values, from a similar problem.
     restricted : bool
-        By REML, which the number of columns does not bend; else the plain one, by which models
-        of other columns are compared.
+        True: REML, which is not biased by the number of columns. False: plain maximum likelihood,
+        with which models with different columns are compared.
     term : int, optional
-        Of this one alone; the others stay as in `start`.
+        Fit this term only; the others stay as in `start`.
     """
     k = terms.values.shape[1]
     if start is None:
@@ -123,7 +123,7 @@ def fit_variation(terms, start=None, restricted=True, term=None):
 
 
 def season_path(terms, variation):
-    """`SeasonPath` of `NightlyTerms` that vary so."""
+    """`SeasonPath` of `NightlyTerms` with a given variation."""
     passed = terms.forward(*np.square(variation))
     found = passed.estimate()
     levels, covariances = zip(*(
@@ -134,22 +134,22 @@ def season_path(terms, variation):
 
 
 def forecast(path, variation, days_on, columns):
-    """Terms of a night to come.
+    """Predict the terms of a future night.
 
     Parameters
     ----------
     path : SeasonPath
     variation : TermVariation
     days_on : float
-        Since the last night.
+        Days since the last night.
     columns : ndarray, shape (k, c)
-        As of `NightlyTerms`, of that night.
+        Columns of that night, as in `NightlyTerms`.
 
     Returns
     -------
     mean : ndarray, shape (k,)
     covariance : ndarray, shape (k, k)
-        With what is of one night alone.
+        Including the scatter of a single night.
     """
     k, last = len(variation.walk), path.passed.steps[-1].update
     mean, covariance = shown(last.mean, last.covariance, np.eye(k),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nights of a season: the terms that each pointing run determines, its date and its causes."""
+"""Nights of a season: the terms fitted to each pointing run, its date and possible causes."""
 
 import re
 from datetime import datetime, timezone
@@ -31,35 +31,35 @@ from ..finding import Finding
 from ..term_fit import fit_terms
 
 NO_DATE = 'no date'
-#: a pause of so many hours in a run ends a night
+#: a longer gap in a run ends a night, h
 PAUSE_H = 6.0
-#: nights from which on single ones may be left out, and times the scatter about their neighbours
+#: fewest nights to reject outliers among them, and their threshold relative to the scatter
 _FEWEST, _ODD = 8, 10.0
-#: rows for each term that a night has at least
+#: fewest rows per term in a night
 ROWS_A_TERM = 2
 _STAMP = re.compile(r'(\d{4})-?(\d{2})-?(\d{2})(?:[T_\s](\d{2})[-:]?(\d{2})(?:[-:]?(\d{2}))?)?')
 _DAY = 86400.0
 
 
 class SeasonNight(NamedTuple):
-    """What a night says of the terms.
+    """Terms fitted to one night.
 
     Attributes
     ----------
     source : str
-        File, and the number of the night in it where it has several.
+        File, and the number of the night in it if there are several.
     time : float
         UTC, s since 1970.
     rows : int
-        That were used.
+        Number of rows used.
     values : ndarray, shape (k,)
         Terms, rad.
     covariance : ndarray, shape (k, k)
-        rad^2, of the fit alone.
+        rad^2, of the fit only.
     rms : float
-        Of what the fit leaves, radial, rad.
+        Radial RMS of the fit residuals, rad.
     causes : dict of str to (float, float)
-        Mean over the night of each column that may move the mount, and its scatter in it.
+        Mean of each possible cause over the night, and its scatter in it.
     run : PointingRun
         Its rows.
     """
@@ -75,7 +75,7 @@ class SeasonNight(NamedTuple):
 
 
 class Nights(NamedTuple):
-    """A season in the order of time.
+    """The nights of a season in order of time.
 
     Attributes
     ----------
@@ -84,9 +84,9 @@ class Nights(NamedTuple):
     mount : pointing_model.mounts.Mount
     nights : list of Night
     notes : list of str
-        What was left out, and why; what columns may be mistaken for.
+        Excluded nights and reasons; doubts about columns.
     columns : tuple of str
-        That are causes because the user says so.
+        Columns declared as causes by the user.
     """
 
     names: tuple
@@ -97,16 +97,16 @@ class Nights(NamedTuple):
 
 
 def nights_of(runs, names=None, columns=()):
-    """Fit each night by itself; observations that two runs have count once.
+    """Fit each night separately; observations contained in two runs are used once.
 
     Parameters
     ----------
     runs : iterable of PointingRun
-        Of one mount; ``meta['source']`` names each.
+        Of one mount; ``meta['source']`` is the name of each.
     names : sequence of str, optional
         Terms; by default the physical ones of the mount.
     columns : sequence of str
-        Columns that are causes though their names do not say so.
+        Further columns to use as causes, not recognised by their names.
 
     Returns
     -------
@@ -153,7 +153,7 @@ def _reason(note):
 
 
 def _parts(run):
-    """A run by its nights: number of each (0 where it is one), and its rows."""
+    """Split a run into nights: number of each (0 if there is only one), and its rows."""
     time = run.get('time')
     if not np.isfinite(time).all() or len(run) < 2:
         return [(0, run)]
@@ -165,7 +165,7 @@ def _parts(run):
 
 
 def _night(run, names, label, columns, seen):
-    """A `SeasonNight`; ValueError, why it is none."""
+    """A `SeasonNight`; raises ValueError with the reason if the night is unusable."""
     time = _time_of(run, label)
     if time is None:
         raise ValueError(NO_DATE)
@@ -189,7 +189,7 @@ def _night(run, names, label, columns, seen):
 
 
 def _time_of(run, label):
-    """UTC, s: of the rows, else of the caption or the name."""
+    """UTC, s: from the rows, or else from the caption, file name or date; None if unknown."""
     if 'time' in run and np.isfinite(run['time']).any():
         return float(np.nanmean(run['time']))
     for text in (str(run.meta.get('caption', '')), label, str(run.meta.get('date', ''))):
@@ -198,7 +198,7 @@ def _time_of(run, label):
             try:
                 return datetime(year, month, day, hour if found[4] else 12, minute, second,
                                 tzinfo=timezone.utc).timestamp()
-            except ValueError:  # other digits
+            except ValueError:  # digits that are no date
                 continue
     return None
 
@@ -223,10 +223,10 @@ def table_rows(season):
 
 
 def without_odd_nights(season):
-    """The season without single nights far from those about them, and a Finding of each.
+    """The season without single nights far from their neighbours, and a Finding on each.
 
-    A star misidentified, or a zero lost, is no walk: one such night hides every cause. The first
-    night and the last stay: what they differ by may be a step.
+    A misidentified star or a lost zero is no random walk, and one such night hides all causes. The
+    first and the last night are kept: their deviation may be a step.
     """
     values = np.array([night.values for night in season.nights])
     n = len(values)
@@ -238,7 +238,7 @@ def without_odd_nights(season):
     off = values - about
     scatter = np.hypot(1.4826 * np.median(np.abs(off), axis=0), np.median(error, axis=0))
     times = np.abs(off) / np.hypot(scatter, error)
-    # both sides of a step agree with one neighbour
+    # nights on either side of a step agree with one neighbour
     beside = np.abs(np.diff(values, axis=0)) / np.hypot(scatter, error[1:])
     alone = np.zeros_like(times)
     alone[1:-1] = np.minimum(beside[:-1], beside[1:])
@@ -256,7 +256,7 @@ def without_odd_nights(season):
 
 
 def date_of(time, other=None):
-    """A day in words; with the time of the day where `other` is of the same."""
+    """A date as text, with the time of day if `other` is on the same date."""
     day = datetime.fromtimestamp(time, timezone.utc)
     if other is not None and datetime.fromtimestamp(other, timezone.utc).date() == day.date():
         return day.strftime('%Y-%m-%d %H:%M')

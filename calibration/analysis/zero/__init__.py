@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The zero of the encoders: from Polaris or stars, and what it follows."""
+"""The zero of the encoders: from Polaris or stars, and causes of its changes."""

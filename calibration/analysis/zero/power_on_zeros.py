@@ -16,8 +16,8 @@
 
 Polaris alone measures IA + CA / cos E + (NPAE + AW cos A) tan E + ... in azimuth and
 IE + AN cos A + TF cos E + ... in elevation, so it cannot give IA and IE themselves. It gives
-how much the zero moved since a time when those other terms were the same, and `contamination`
-says by how much a change of each of them would falsify that. Stars elsewhere separate some of them
+the change of the zero since a time when those other terms were the same. `contamination` is the
+error of that change per unit change of each other term. Stars elsewhere separate some of the terms
 (`zero_estimate`).
 """
 
@@ -38,38 +38,38 @@ from .zero_estimate import estimate_zeros
 
 #: reference of a zero that is the whole offset at Polaris
 NO_MODEL = 'no model'
-#: of what one second of arc makes: less is rounding
+#: smallest contamination, per arcsec: less is rounding error
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredZero(PowerOnZero):
-    """Change of the zero of both axes, with all that it rests on.
+    """Change of the zero of both axes, with its reference and uncertainties.
 
     Attributes
     ----------
     az, el, covariance, run
-        See `PowerOnZero`; the covariance is of these exposures and of the reference.
+        See `PowerOnZero`; the covariance includes these exposures and the reference.
     n : int
-        Exposures used.
+        Number of exposures used.
     reference : str
-        What the change is relative to.
+        Reference of the change.
     sigma_from : {'given sigmas', 'measured scatter'}
-        The latter is widened (Student) so that one sigma holds 68 % of the cases.
+        The latter is widened (Student) so that one sigma contains 68 % of the cases.
     contamination : dict of str to dict of str to float
-        ``contamination['az']['CA']``: by how many seconds of arc the zero is false if that term
-        has changed by one since the reference; ``['el']`` likewise.
+        ``contamination['az']['CA']``: error of the zero, arcsec, per arcsec by which that term has
+        changed since the reference; ``['el']`` likewise.
     rejected : int
         Exposures without weight.
     by : str
-        The way, see `pointing_model.zero.way_of`.
+        Method, see `pointing_model.zero.way_of`.
     mount : Mount
-        Whose axes.
+        Mount of the axes.
     noise : ndarray, shape (2, 2), optional
-        Covariance by the noise of the exposures alone, radians^2; None: `covariance` is that.
+        Covariance from the noise of the exposures alone, radians^2; None: `covariance` is that.
     misfit : float
-        By how much the covariance was widened (as a sigma) since the stars disagree by more than
-        their noise and what is held allow; 1: they do not.
+        Factor by which sigma was widened because the stars disagree by more than their noise and
+        the held terms allow; 1: they agree.
     """
 
     n: int
@@ -84,20 +84,20 @@ class MeasuredZero(PowerOnZero):
 
     @property
     def with_fitted_terms(self):
-        """Its covariance where a model goes with it that was fitted to these exposures too."""
+        """Its covariance when used with a model that was also fitted to these exposures."""
         if self.noise is not None and self.reference == NO_MODEL:
             return self.noise
         return self.covariance
 
     def contained(self, names):
-        """How much of each term the zero has in it, shape (2, k); of itself all."""
+        """Contamination of the zero by each term, shape (2, k); 1 for the index term itself."""
         own = self.mount.names.index
         return np.array([[float(i == own.index(name)) if name in own else
                           self.contamination[axis].get(name, 0.0) for name in names]
                          for i, axis in enumerate(('az', 'el'))])
 
     def to_dict(self):
-        """Numbers for a log or a provenance, in arcsec; ``by`` where it is not Polaris."""
+        """Numbers for a log or a provenance, in arcsec; ``by`` if it is not Polaris."""
         other = {} if self.by == BY_POLARIS else {'by': self.by, 'misfit': self.misfit}
         return {
             **super().to_dict(),
@@ -113,7 +113,7 @@ class MeasuredZero(PowerOnZero):
 
 
 def _measured(found, pick, place, run, reference, seen_by=None):
-    """The combination `pick` (2, 2g) of the zeros of a ZeroEstimate as that of a group."""
+    """`MeasuredZero` from the linear combination `pick` (2, 2g) of zeros of a ZeroEstimate."""
     names, false = found.contamination(pick, seen_by)
     az, el = pick @ found.value * ARCSEC
     return MeasuredZero(
@@ -135,20 +135,20 @@ def zero_from_exposures(exposures, reference, *, encoder='enc', model=None, run=
     ----------
     exposures : PointingRun
         All of its rows are for the zero, see `pointing_model.zero.is_for_zero`. Without
-        ``sigma_x`` and ``sigma_y`` their scatter gives their noise.
+        ``sigma_x`` and ``sigma_y`` the noise is taken from their scatter.
     reference : PointingRun or PointingModel
-        Exposures of an earlier power-on, or a model whose prediction is the zero that its IA and
-        IE stand for; the model's covariance enters the result's.
+        Exposures of an earlier power-on, or a model; the change is then relative to the zero of its
+        IA and IE. The model's covariance is included in the result.
     encoder : {'enc', 'abs'}
         The pair of encoder columns.
     model : PointingModel, optional
-        With reference exposures: takes out how the offset differs between the places, as of Polaris
-        on its circle (0.6" per minute of arc of collimation). Its covariance enters. It was not
-        fitted to these exposures: else their noise would count as if it were of other stars.
+        With reference exposures: corrects for the different positions, as of Polaris on its circle
+        (0.6" per arcminute of collimation). Its covariance is included. It must not be fitted to
+        these exposures: their noise would be treated as independent.
     run : int, optional
         Number of the power-on of the exposures.
     reference_name : str
-        What the report calls the reference exposures.
+        Name of the reference exposures in the report.
 
     Returns
     -------
@@ -157,8 +157,8 @@ def zero_from_exposures(exposures, reference, *, encoder='enc', model=None, run=
     Raises
     ------
     ValueError
-        No usable exposure, or only one and no sigma, here or in the reference; or `model`
-        beside a reference that is a model.
+        No usable exposure, or only one and no sigma, here or in the reference; or `model` is given
+        although the reference is a model.
     """
     if isinstance(reference, PointingModel):
         if model is not None:
@@ -166,7 +166,7 @@ def zero_from_exposures(exposures, reference, *, encoder='enc', model=None, run=
         found = estimate_zeros([exposures], ['tonight'], reference, encoder)
         return _measured(found, np.eye(2), 0, run, _model_name(reference))
     found = estimate_zeros([exposures, reference], ['tonight', reference_name], model, encoder)
-    # a term that has changed is as it was in the exposures of before
+    # a change of a term affects the new exposures only
     return _measured(found, np.hstack((np.eye(2), -np.eye(2))), 0, run,
                      f'{found.used[1]} exposures of {found.ways[1]}, {reference_name}', seen_by=0)
 
@@ -180,21 +180,21 @@ def _model_name(model):
 
 
 def night_zeros(rows, reference, needed=None):
-    """The zero of each power-on that has enough exposures for one.
+    """The zero of each power-on with enough exposures.
 
     Parameters
     ----------
     rows : PointingRun
-        All of the night.
+        All rows of the night.
     reference : PointingModel or None
-        Of an earlier night.
+        Model of an earlier night.
     needed : int, optional
         A power-on that must have enough, if it has any.
 
     Returns
     -------
     zeros : dict of int to MeasuredZero
-        Where stars were exposed and there is no reference, of all power-ons together.
+        Estimated jointly for all power-ons if stars were exposed and there is no reference.
     parts : dict of int to PointingRun
         The exposures.
 
@@ -224,16 +224,16 @@ def zero_changes(rows, numbers, model):
     Parameters
     ----------
     rows : PointingRun
-        That were fitted, exposures for zeros among them.
+        Fitted rows, including exposures for zeros.
     numbers : sequence of int
         Power-ons with such exposures.
     model : PointingModel
-        Of the fit.
+        Model of the fit.
 
     Returns
     -------
     list of (int, int, MeasuredZero)
-        From which power-on to which.
+        Power-ons before and after, and the change.
     """
     if is_marked(rows).any():
         model = _terms_of_stars(rows)
@@ -242,9 +242,9 @@ def zero_changes(rows, numbers, model):
 
 
 def zero_change(rows, before, after, model):
-    """Between two power-ons, a MeasuredZero.
+    """Change of the zero between two power-ons, a MeasuredZero.
 
-    `model` gives how the offset differs between the places exposed.
+    `model` corrects for the different positions of the exposures.
     """
     parts = by_power_on(rows.select(is_for_zero(rows)))
     return zero_from_exposures(parts[after], parts[before], model=model,
@@ -252,9 +252,9 @@ def zero_change(rows, before, after, model):
 
 
 def _terms_of_stars(rows):
-    """The terms without the exposures: what is held may not rest on these themselves.
+    """Model fitted without the exposures: held terms must be independent of these.
 
-    None where the stars are too few.
+    None if there are too few stars.
     """
     with suppress(ValueError, np.linalg.LinAlgError):
         return fit_terms(rows.select(~is_for_zero(rows)), run_zeros=True).model

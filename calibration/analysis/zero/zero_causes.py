@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Why the zero is another one after each power-on: temperature, supply, time since, side.
+"""Why the zero differs between power-ons: temperature, supply voltage, time since the last, side.
 
-Paper 000 names temperature and supply as what moves the reference mark. Here the zeros of a season,
-one a power-on, are held against what was measured when the marks were met (the tests are those of
-`covariate_choice`); where they follow something, the zero of tonight is known, with its error,
-before Polaris.
+Paper 000 names temperature and supply voltage as causes of motion of the reference mark. Here the
+zeros of a season, one per power-on, are regressed on values measured when the marks were met (with
+the tests of `covariate_choice`). If they depend on a covariate, the zero of tonight can be
+predicted, with its error, before Polaris is measured.
 """
 
 from dataclasses import dataclass
@@ -41,32 +41,32 @@ COVARIATES = {
     'hours': ('h', 0.1),
     'side': ('side', 0.1),
 }
-#: chance that zeros which follow nothing are given a cause
+#: false-alarm probability: zeros without a cause are given one
 ZERO_ALPHA = 0.02
 CAUSE, INCONCLUSIVE, NOTHING = 'cause', 'undecided', 'nothing'
-#: unknown in more of the nights than this share, a covariate is not tried
+#: largest share of nights with an unknown value of a covariate
 _UNKNOWN = 0.3
-#: power-ons from which on single ones may be left out, and times the error of what the others say
-#: of them from where they are; the least error that is thought of, rad
+#: fewest power-ons to reject outliers among them; their threshold, in sigmas of the prediction from
+#: the others; smallest sigma, rad
 _FEWEST, _ODD, _LEAST = 8, 10.0, ARCSEC
 _ROUNDS = 50
 
 
 @dataclass(frozen=True)
 class Season:
-    """Zeros of power-ons, in order of time, and what was known when the marks were met.
+    """Zeros of power-ons in order of time, and covariates measured when the marks were met.
 
     Parameters
     ----------
     run : ndarray, shape (n,)
         Numbers of the power-ons.
     time : ndarray, shape (n,)
-        When, s; where it is not known of each, their order counts.
+        Times, s; if not all are known, the order is used.
     zeros, sigmas : ndarray, shape (n, 2)
-        Azimuth and elevation (coordinate angles) from one common origin, and their errors, rad,
-        by which they weigh, with a scatter beyond them; NaN: as the others' middle.
+        Azimuth and elevation (coordinate angles) from one common origin, and their errors, rad. The
+        weights use these errors and an additional scatter. NaN: the median error of the others.
     covariates : dict of str to ndarray, shape (n, 2)
-        By the names of `COVARIATES`, as each axis has them; NaN where unknown.
+        For each name in `COVARIATES` the values of both axes; NaN where unknown.
     """
 
     run: np.ndarray
@@ -86,7 +86,7 @@ class Season:
 
 @dataclass(frozen=True)
 class _Line:
-    """Zero of an axis = level + slopes · covariates, from n nights of `weights` of mean 1."""
+    """Linear fit: zero of an axis = level + slopes · covariates, with `weights` of mean 1."""
 
     names: tuple
     origin: np.ndarray
@@ -99,7 +99,7 @@ class _Line:
     weights: np.ndarray
 
     def at(self, values):
-        """Zero and its 1-sigma, where the covariates are `values`, shape (k,)."""
+        """Predicted zero and its 1 sigma for covariates `values`, shape (k,)."""
         away = values - self.origin
         leverage = 1.0 + 1.0 / self.n + away @ self.inverse @ away
         return (self.level + float(away @ self.slopes),
@@ -127,7 +127,7 @@ def _fit(season, axis, names):
 
 
 def _variances(season):
-    """Of the errors of the zeros, shape (n, 2); one that is unknown is as the others' middle."""
+    """Variances of the zeros, shape (n, 2); unknown errors are the median of the others."""
     out = np.zeros(season.sigmas.shape)
     for axis, sigmas in enumerate(season.sigmas.T):
         known = np.isfinite(sigmas) & (sigmas > 0.0)
@@ -135,12 +135,12 @@ def _variances(season):
             out[:, axis] = np.square(floored(np.where(known, sigmas, np.median(sigmas[known]))))
             if np.ptp(out[:, axis]) > 0.0 and not are_borne_out(
                     season.zeros[:, axis], _lines(season, axis), out[:, axis]):
-                out[:, axis] = out[:, axis].mean()  # the pattern is not theirs
+                out[:, axis] = out[:, axis].mean()  # the scatter does not follow the given errors
     return out
 
 
 def _lines(season, axis):
-    """A level, and as many covariates that are known as nights allow, shape (n, k)."""
+    """Design matrix: level, and as many known covariates as nights allow, shape (n, k)."""
     n = len(season)
     known = [of[:, axis] - of[:, axis].mean() for of in season.covariates.values()
              if np.isfinite(of[:, axis]).all()]
@@ -148,7 +148,7 @@ def _lines(season, axis):
 
 
 def usable_covariates(season):
-    """Covariates that can be tried, and why the others cannot.
+    """Covariates that can be tested, and why the others cannot.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def usable_covariates(season):
     -------
     names : list of str
     why : list of Finding
-        On each of the other `COVARIATES`.
+        One on each of the other `COVARIATES`.
     """
     names, why = [], []
     for name, (unit, least) in COVARIATES.items():
@@ -185,10 +185,10 @@ def _complete(season, names):
 
 
 def _without_odd(season, names):
-    """The season without single power-ons far from what the others say, and a Finding on each.
+    """The season without single outlying power-ons, and a Finding on each.
 
-    A wrong star, or marks that were missed, follow nothing, and one hides every cause. What the
-    neighbours share may be a step that stays, as may the last one: these remain.
+    A wrong star or missed marks depend on no covariate, and one hides all causes. Power-ons that
+    agree with a neighbour, and the last one, are kept: they may be a lasting step.
     """
     n = len(season)
     if n < _FEWEST:
@@ -218,7 +218,7 @@ def _without_odd(season, names):
 
 
 def _far(season, axis, names):
-    """Which zeros are far from the line of least absolute distance, ndarray of bool, shape (n,)."""
+    """Which zeros are far from a least absolute deviations fit, ndarray of bool, shape (n,)."""
     n = len(season)
     design = np.array([np.ones(n), *(season.covariates[name][:, axis] for name in names)])
     design[1:] -= design[1:].mean(axis=1, keepdims=True)
@@ -228,7 +228,7 @@ def _far(season, axis, names):
     for _ in range(_ROUNDS):
         root = 1.0 / np.sqrt(np.maximum(np.abs(left), 1e-6))
         left = zeros - np.linalg.lstsq((design * root).T, zeros * root)[0] @ design
-    # that many it goes through, whatever they are
+    # skip the smallest residuals: the fit passes through that many points
     scatter = 1.4826 * np.median(np.sort(np.abs(left))[len(design):])
     return np.abs(left) > _ODD * max(scatter, _LEAST / ARCSEC)
 
@@ -240,11 +240,11 @@ def _choice(season, names, alpha, seed):
     if not names:
         return _NO_CHOICE
     covariates = np.array([season.covariates[name] for name in names])
-    still = np.ptp(covariates, axis=1).max(axis=-1) <= 0.0  # in a fold that leaves a night out
+    still = np.ptp(covariates, axis=1).max(axis=-1) <= 0.0  # may happen without one night
     moving = [i for i in range(len(names)) if not still[i]]
     when = season.time
     if not (np.isfinite(when).all() and np.all(np.diff(when) > 0.0)):
-        when = np.arange(float(len(season)))  # their order is known all the same
+        when = np.arange(float(len(season)))  # use their order
     found = choose_covariates(season.zeros, covariates[moving], when, alpha, seed=seed,
                               variances=_variances(season))
 
@@ -255,9 +255,9 @@ def _choice(season, names, alpha, seed):
 
 
 def _left_out(season, names, alpha, seed):
-    """Errors of each zero, predicted by the others: without and with causes, (n, 2) each.
+    """Leave-one-out errors of the zeros without and with causes, (n, 2) each.
 
-    The choice of the causes is made again without that night.
+    The causes are selected again without that night.
     """
     before, after = np.empty((2, len(season), 2))
     everyone = np.arange(len(season))
@@ -273,7 +273,7 @@ def _left_out(season, names, alpha, seed):
 
 
 def zero_causes(season, tonight=None, alpha=ZERO_ALPHA, *, leave_out=True, seed=1):
-    """What the zeros of the power-ons follow, and the zero to be expected tonight.
+    """Find causes of the zeros of power-ons, and predict the zero of tonight.
 
     Parameters
     ----------
@@ -282,26 +282,25 @@ def zero_causes(season, tonight=None, alpha=ZERO_ALPHA, *, leave_out=True, seed=
     tonight : dict of str to array_like, shape (2,), optional
         The covariates of a power-on whose zero is not measured yet.
     alpha : float
-        Chance that zeros which follow nothing are given a cause, over all covariates and both axes.
+        Family-wise false-alarm probability over all covariates and both axes.
     leave_out : bool
-        Whether each night is predicted from the others as well, with the causes chosen anew.
+        Whether to cross-validate: each night predicted from the others, causes selected anew.
     seed : int
-        Of the permutations.
+        Seed of the permutations.
 
     Returns
     -------
     dict
-        JSON-ready but for findings. ``verdict`` (`CAUSE`, `UNDECIDED` or `NOTHING`) and ``text``;
-        ``nights``, ``left_out`` (numbers of the power-ons of which a covariate is not known),
-        ``odd`` (findings on those that are left out for they are far from what the others say),
-        ``drivers`` (those tried), ``not_tried`` (findings), ``p`` over all covariates and both
-        axes; ``axes``: of each ``verdict``, ``text``, ``p``, ``p_levels`` (of the zeros as they are
-        alone), ``causes`` (``driver``, ``slope_arcsec``, ``sigma_arcsec`` a ``unit``), ``alike``,
-        ``std_arcsec`` of the zeros, ``measured_arcsec`` (RMS of their errors),
-        ``unexplained_arcsec``, and where nights were left out ``left_out_before_arcsec`` and
-        ``left_out_after_arcsec`` (RMS); ``tonight`` (of each axis ``zero_arcsec``,
-        ``sigma_arcsec``, the causes it is ``by`` and
-        those ``missing``) or None.
+        JSON-ready except for findings. ``verdict`` (`CAUSE`, `INCONCLUSIVE` or `NOTHING`) and
+        ``text``; ``nights``, ``left_out`` (numbers of power-ons with an unknown covariate), ``odd``
+        (findings on rejected outliers), ``drivers`` (covariates tested), ``not_tried`` (findings),
+        ``p`` over all covariates and both axes. ``axes``: for each ``verdict``, ``text``, ``p``,
+        ``p_levels`` (for the zeros themselves only, not their changes), ``causes`` (``driver``,
+        ``slope_arcsec``, ``sigma_arcsec`` per ``unit``), ``alike``, ``std_arcsec`` of the zeros,
+        ``measured_arcsec`` (RMS of their errors), ``unexplained_arcsec``, and, if cross-validated,
+        ``left_out_before_arcsec`` and ``left_out_after_arcsec`` (RMS). ``tonight``: None, or for
+        each axis ``zero_arcsec``, ``sigma_arcsec``, the causes ``by`` which it is predicted and
+        those ``missing``.
     """
     names, why = usable_covariates(season)
     complete = _complete(season, names)
@@ -337,7 +336,7 @@ def zero_causes(season, tonight=None, alpha=ZERO_ALPHA, *, leave_out=True, seed=
 
 
 def _axis(axis, found, line, used, names, enough, errors):
-    """What is reported of one axis; see `zero_causes`."""
+    """Entry of one axis; see `zero_causes`."""
     causes, alike, trend = (part[axis] for part in (found.causes, found.alike, found.trend))
     verdict = CAUSE if causes else INCONCLUSIVE if alike or trend else NOTHING
     known = line is not None and line.dof > 0
@@ -370,10 +369,10 @@ def _axis(axis, found, line, used, names, enough, errors):
 
 
 def _expected(lines, means, tonight):
-    """Zero of tonight from its covariates, of each axis in arcsec with 1 sigma, and what it is by.
+    """Zero of tonight predicted from its covariates, for each axis in arcsec with 1 sigma.
 
-    ``by`` are the causes; without any it is the mean of the nights, and likewise where tonight's
-    value of a cause is not known (``missing``) - with the scatter that the zeros then have.
+    ``by`` are the causes used. Without any, or if tonight's value of a cause is unknown
+    (``missing``), the prediction is the mean of the nights with the scatter of the zeros.
     """
     out = {}
     for axis, (name, line, mean) in enumerate(zip(AXES, lines, means)):

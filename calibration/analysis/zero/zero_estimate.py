@@ -14,13 +14,13 @@
 
 """The encoders' zero from exposures of Polaris, or any stars, by generalised least squares.
 
-An exposure reads the zeros of both axes and what every other term does at its place. The other
-terms are held at their model, with its covariance C: beside the noise N the exposures have the
-covariance N + D C D', which is the same as fitting the terms with the model as their prior. Without
-a model each term is within `zero_held_terms.BROAD`: then the stars themselves show what they can of
-the terms, and the zeros of all power-ons go with the same terms, so that these cancel in the
-change. Polaris alone stays at one place, where nothing can be separated: without a model its zero
-is the whole offset there.
+An exposure measures the zeros of both axes plus the effect of all other terms at its position. The
+other terms are held at the model, with its covariance C: the exposures have the covariance
+N + D C D' with noise N, which is equivalent to fitting the terms with the model as prior. Without a
+model the prior sigma of each term is `zero_held_terms.BROAD`. Then the stars themselves determine
+the terms as far as they can, and the zeros of all power-ons share these terms, so that their errors
+cancel in a change. Polaris alone is at one position, where nothing can be separated: without a
+model its zero is the whole offset there.
 """
 
 from typing import NamedTuple
@@ -41,26 +41,27 @@ from ...estimation.robust import LOSS
 from ...estimation.step_scan import student_factor
 from ...rows import UNREACHABLE, usable
 
-#: below, weights do not help: one exposure 20" off leaves 6.5" of error among 3 and 4.2" among 4
-#: with them, 6.7" and 5.0" without; among 5 it is 1.6" and 4.0", among 8 0.4" and 2.6"
+#: with fewer exposures robust weights do not help: one exposure 20" off causes an error of 6.5"
+#: among 3 and 4.2" among 4 with weights, 6.7" and 5.0" without; 1.6" and 4.0" among 5, 0.4" and
+#: 2.6" among 8
 _FEWEST_FOR_ROBUST = 5
-#: chance with which stars that agree with the model are said not to
+#: false-alarm probability of the test whether stars agree with the model
 _DISAGREE = 0.05
-_ROUNDS = 4  # of the linearisation, without a model
-#: freedom from which the scatter of the exposures of a star about their mean shows the noise
+_ROUNDS = 4  # iterations of the linearisation, without a model
+#: fewest degrees of freedom to take the noise from the scatter of exposures of each star
 _ENOUGH = 3.0
-_FLOOR = 1e-3  # arcsec: noise is no less
-_SETTLED = 1e-5  # arcsec: residuals of an iteration
+_FLOOR = 1e-3  # arcsec, smallest noise
+_SETTLED = 1e-5  # arcsec, change of residuals at convergence
 _ROUNDS_OF_NOISE = 20
 _RCOND = 1e-12  # the prior determines what the exposures do not
 
 
 class ZeroRows(NamedTuple):
-    """Usable exposures of all groups, on the sky in seconds of arc."""
+    """Usable exposures of all groups; offsets on the sky in arcsec."""
 
     az: np.ndarray
     el: np.ndarray
-    enc: np.ndarray  # (2, n), what the encoder reads, radians
+    enc: np.ndarray  # (2, n), encoder angles, radians
     sigmas: np.ndarray | None  # (2, n)
     context: Context | None
     group: np.ndarray
@@ -74,27 +75,27 @@ class ZeroRows(NamedTuple):
                          wrap(self.enc[1] - second))) / ARCSEC
 
     def noise(self, scatter):
-        """Of each exposure, (2, n); where sigmas were not given the scatter (2,)."""
+        """Noise of each exposure, (2, n): given sigmas, or else the scatter (2,)."""
         return (np.broadcast_to(np.array(scatter)[:, None], (2, len(self.az)))
                 if self.sigmas is None else self.sigmas)
 
 
 class ZeroEstimate(NamedTuple):
-    """Zeros of g groups of exposures and what they rest on; angles in seconds of arc.
+    """Zeros of g groups of exposures; angles in arcsec.
 
     Attributes
     ----------
     value : ndarray, shape (2g,)
     covariance, noise : ndarray, shape (2g, 2g)
-        With the held terms, and by the noise of the exposures alone.
+        With the held terms, and from the noise of the exposures alone.
     response : ndarray, shape (2g, 2n)
-        Zeros by offsets, x of all rows and then y.
+        Derivatives of the zeros with respect to the offsets, x of all rows and then y.
     rows : ZeroRows
     used, rejected : list of int
         Exposures of each group with a weight, and without.
     ways : list of str
     misfit : float
-        By how much the covariance is widened since the stars disagree; 1: they do not.
+        Factor by which sigma is widened because the stars disagree; 1: they agree.
     """
 
     value: np.ndarray
@@ -108,9 +109,10 @@ class ZeroEstimate(NamedTuple):
     misfit: float
 
     def contamination(self, pick, place=None):
-        """What a change of each term by one makes of the combinations `pick` of the zeros, (p, k).
+        """Names of the terms, and the change of combinations `pick` of the zeros per unit change of
+        each term, (p, k).
 
-        Only the exposures of the group `place` see it; None: all do. Names of the terms come first.
+        The change affects the exposures of the group `place` only; None: all.
         """
         of = self.rows.mount.names
         names = tuple(name for name in of.physical if name not in of.index)
@@ -126,11 +128,11 @@ def estimate_zeros(groups, names, model, encoder):
     Parameters
     ----------
     groups : list of PointingRun
-        Their exposures, of one power-on each.
+        Exposures of one power-on each.
     names : list of str
-        What they are called where they are too few.
+        Names of the groups for error messages.
     model : PointingModel or None
-        That is held.
+        Model of the held terms.
     encoder : {'enc', 'abs'}
 
     Returns
@@ -153,7 +155,7 @@ def estimate_zeros(groups, names, model, encoder):
     prior = np.r_[np.zeros(2 * g), np.ones(columns.shape[2] - 2 * g)]
     about, found = model, np.zeros(len(prior))
     for _ in range(1 if is_a_model(model) or not held.names else _ROUNDS):
-        if not is_a_model(model):  # about the terms as they are found: rotations are not linear
+        if not is_a_model(model):  # linearise at the current terms: rotations are not linear
             about = PointingModel(dict(zip(held.names, held.root @ found[2 * g:])), mount=mount)
         offsets = rows.offsets(about) + columns[:, :, 2 * g:] @ found[2 * g:]
         fit = _fit(columns, offsets, prior, rows)
@@ -207,10 +209,10 @@ def _normal(columns, weights):
 
 
 def _fit(columns, offsets, prior, rows):
-    """Zeros and held terms by the exposures, an `Estimate`.
+    """Fit zeros and held terms to the exposures, an `Estimate`.
 
-    Of it the covariance is the inverse of the normal matrix with the prior, the scatter the noise
-    of an exposure in each axis, and the freedom that of this noise.
+    Its covariance is the inverse of the normal matrix with the prior, its scatter the noise of an
+    exposure in each axis, and its freedom the degrees of freedom of this noise.
 
     Parameters
     ----------
@@ -248,7 +250,7 @@ def _fit(columns, offsets, prior, rows):
 
 
 def _within(residual, weights, rows):
-    """Squares of the residuals about the mean of each star, (2,), and the freedom left."""
+    """Sum of squares about the mean of each star, (2,), and its degrees of freedom."""
     count = rows.star.max() + 1
     total = np.bincount(rows.star, weights, count)
     squares = []
@@ -259,10 +261,10 @@ def _within(residual, weights, rows):
 
 
 def _noise(residual, weights, taken, rows):
-    """What shows the noise of each axis: squares, (2,), and their freedom, (2,).
+    """Sum of squares, (2,), and degrees of freedom, (2,), to estimate the noise of each axis.
 
-    About the mean of each star, where they are enough: what the model lacks at a place is no noise.
-    Of one star there is nothing else.
+    About the mean of each star if there are enough exposures: model errors at a position are no
+    noise. With one star there is no other way.
     """
     squares, free = _within(residual, weights, rows)
     if free >= (1.0 if rows.star.max() == rows.group.max() else _ENOUGH):
@@ -277,7 +279,7 @@ def _noise(residual, weights, taken, rows):
 
 
 def _misfit(fit, prior, rows, groups):
-    """How much more the stars disagree than their noise and what is held allow; 1: they do not."""
+    """Ratio of the disagreement of stars to that allowed by noise and held terms; 1: they agree."""
     weights, sigma = fit.weights, rows.noise(fit.scatter)
     whole = (weights * np.square(fit.residual / sigma)).sum() + (
         prior @ np.square(fit.coefficients))
@@ -292,6 +294,6 @@ def _misfit(fit, prior, rows, groups):
     if dof <= 0:
         return 1.0
     ratio = between / dof
-    from scipy.special import chdtrc, fdtrc  # a quarter of a second
+    from scipy.special import chdtrc, fdtrc  # takes 0.25 s to load
     p = chdtrc(dof, between) if rows.sigmas is not None else fdtrc(dof, 2.0 * free, ratio)
     return float(np.sqrt(ratio)) if ratio > 1.0 and p < _DISAGREE else 1.0

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The power-ons of a season: zeros, and what was measured then."""
+"""The power-ons of a season: their zeros and covariates."""
 
 from dataclasses import replace
 
@@ -28,10 +28,10 @@ _SIDES = {'below': 1.0, 'above': -1.0}
 
 
 class SeasonLog:
-    """Zeros by Polaris (or stars) of power-on after power-on, all since the first.
+    """Zeros of successive power-ons from Polaris (or stars), relative to the first.
 
-    One model, that of the first night, takes out how Polaris moved: it is the same for all, so its
-    errors drop out of all that is compared. Of stars, which are others each time, they count.
+    The model of the first night corrects for the motion of Polaris in all of them, so its errors
+    cancel in the comparison. With stars, which differ each time, they do not cancel.
     """
 
     def __init__(self):
@@ -42,38 +42,38 @@ class SeasonLog:
         self._marks = {axis: {} for axis in AXES}  # axis -> start of a power-on -> Homing
 
     def clear_zeros(self, numbers):
-        """Those of some power-ons will be measured again; what is known of their marks stays."""
+        """Remove zeros that will be measured again; their covariates are kept."""
         for number in numbers:
             self._zeros.pop(number, None)
         if not self._zeros:
             self._model = None
 
     def update_marks(self, homings):
-        """Reports of the incremental encoders on their marks, in any order.
+        """Add reports of the incremental encoders on their marks, in any order.
 
         Parameters
         ----------
         homings : iterable of cross_check.Homing
-            Those without the time at which their power-on began do not count.
+            Reports without the start time of their power-on are ignored.
         """
         for homing in homings:
             if homing.homed and np.isfinite(homing.started) and homing.axis in self._marks:
                 self._marks[homing.axis][homing.started] = homing
 
     def add_power_on(self, number, rows):
-        """What is known of a power-on, before Polaris or after.
+        """Add the covariates of a power-on, before or after Polaris is measured.
 
         Parameters
         ----------
         number : int
         rows : PointingRun
-            Of this power-on, at least one.
+            Rows of this power-on, at least one.
         """
         began, first = rows.get('encoder_start')[0], rows.get('time')[0]
         self._start[number] = float(began if np.isfinite(began) else first)
         before = self._start.get(number - 1)
         hours = (self._start[number] - before) / 3600.0 if np.isfinite(began) and before else np.nan
-        marks = {}  # the newest power-on of each axis that had begun by then
+        marks = {}  # the newest report of each axis before the first row
         for axis, known in self._marks.items():
             begun = [start for start in known if start <= first]
             if begun:
@@ -81,20 +81,20 @@ class SeasonLog:
         self._covariates[number] = power_on_covariates(marks, rows) | {'hours': (hours, hours)}
 
     def add_zero(self, number, exposures, model):
-        """By the exposures of a power-on that has begun.
+        """Add the zero of a power-on from its exposures.
 
         Parameters
         ----------
         number : int
         exposures : PointingRun
         model : PointingModel
-            Of this night; that of the first one takes out how Polaris moved.
+            Model of this night; only that of the first night is used.
         """
         if self._model is None:
             self._model = model
         held = self._model
         if not is_marked(exposures).any():
-            # common to all zeros: it adds nothing to the error of their differences
+            # the model error is common to all zeros, and cancels in their differences
             held = replace(held, covariance=np.zeros_like(held.covariance))
         self._zeros[number] = zero_from_exposures(exposures, held, run=number)
 
@@ -111,7 +111,7 @@ class SeasonLog:
              for name in COVARIATES})
 
     def expected(self, number):
-        """The zero to be expected of a power-on that has begun, from those before it.
+        """Predict the zero of a power-on from those before it.
 
         Parameters
         ----------
@@ -136,14 +136,15 @@ class SeasonLog:
 
 
 def power_on_covariates(marks, rows):
-    """What may move the zero of a power-on, but the time.
+    """Covariates of the zero of a power-on, except the time.
 
     Parameters
     ----------
     marks : dict of str to cross_check.Homing
         Newest report of the incremental encoder on its mark, by axis.
     rows : PointingRun
-        Of this power-on: where an encoder has no thermometer, that of the air counts.
+        Rows of this power-on; they give the air temperature, used for encoders without a
+        thermometer.
 
     Returns
     -------
@@ -162,7 +163,7 @@ def power_on_covariates(marks, rows):
 
 
 def season_rows(season):
-    """A row for each power-on, JSON-ready, as `season_from_rows` reads it.
+    """A row for each power-on, JSON-ready; inverse of `season_from_rows`.
 
     Parameters
     ----------
@@ -171,7 +172,7 @@ def season_rows(season):
     Returns
     -------
     list of dict
-        ``run``, ``time`` (UTC s), and of each axis, lists of two, ``zero_arcsec``,
+        ``run``, ``time`` (UTC s), and, as lists with one value per axis, ``zero_arcsec``,
         ``sigma_arcsec`` and the covariates in the units of `zero_causes.COVARIATES`; None:
         unknown.
     """
@@ -185,7 +186,7 @@ def season_rows(season):
 
 
 def season_from_rows(rows):
-    """The way back from `season_rows`."""
+    """Season from rows; inverse of `season_rows`."""
     def column(name):
         values = [[np.nan if v is None else v for v in row[name]] for row in rows]
         return np.array(values, dtype=float).reshape(-1, 2)
