@@ -12,13 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Counts that drift at random: does incremental - absolute walk, and which encoder does it?
+"""Random walk of counts: does incremental - absolute walk, and which encoder does it?
 
-Noise of the reading leaves every difference for itself; wrong counts stay, and the next ones are
-added. Both are fitted at once (`step_scan.random_walk`), beside what the discs do once and
-twice a turn, and the walk must explain more than chance, more than one step or one drift does, more
-than the side of approach (a coupling that winds up), and more than finer harmonics of the angle.
-What steps twice walks.
+Reading noise is independent from row to row, wrong counts accumulate. Both are fitted together
+(`step_scan.random_walk`), with disc errors once and twice per turn. The walk must be significant,
+and explain more than one step or one drift, than the side of approach (a coupling that winds up),
+and than higher harmonics of the angle. Two or more steps count as a walk.
 """
 
 from typing import NamedTuple
@@ -39,25 +38,25 @@ from .cross_check_rows import AXES, LEAST, SHORT, USUAL
 from .encoder_jumps import DifferenceEvent, difference_events, encoder_events
 from .jump_or_slow_change import slow_changes
 
-#: rows from which a walk is distinguished from noise
+#: fewest rows to distinguish a walk from noise
 _FEWEST = 20
-#: values that a fit must leave free
+#: fewest degrees of freedom of a fit
 _FREE = 8
-#: finer curves of the angle that a night in order of azimuth could take for a walk
+#: higher harmonics of the angle, which look like a walk if a night is ordered by azimuth
 _FINER = (3, 4, 5, 6)
-#: robust sigmas from its neighbours from where a reading is wild
+#: robust sigmas from its neighbours from which a reading is an outlier
 _WILD = 6.0
-#: neighbours on a side that a reading is compared with
+#: number of neighbours on each side in this test
 _BESIDE = 4
-#: odds that it is the incremental encoder, before the stars are asked: its errors add up, while an
-#: absolute encoder reads each angle anew
+#: prior odds that the incremental encoder walks: its errors accumulate, while an absolute encoder
+#: reads each angle independently
 _ODDS = 4.0
-#: how far a disc may be off, 1 sigma of a harmonic, rad
+#: prior 1 sigma of a harmonic of a disc, rad
 _DISC = 10.0 * ARCSEC
-#: correlation of neighbours up to which it is noise; what remembers longer is a walk
+#: largest correlation of neighbours that counts as noise; longer correlation is a walk
 _SHORT = 0.65
-#: `CountDrift.lead` from where a walk is sure without the stars, a hundred to one; below they have
-#: to see it
+#: `CountDrift.lead` from which a walk is sure without stars (100 to 1); below it they must confirm
+#: it with this confidence
 _LEAD = 2.0 * np.log(100.0)
 _SEEN = 0.99
 _CHANCE = USUAL.false_alarm / 2.0  # two axes
@@ -69,16 +68,16 @@ class CountDrift(NamedTuple):
     Attributes
     ----------
     probability : float
-        Of so much by chance.
+        P-value.
     step, noise : float
-        1 sigma of what is added from row to row, and of a difference, rad.
+        1 sigma of the step from row to row, and of the noise of a difference, rad.
     discs : ndarray, shape (4,)
-        What the discs do, rad.
+        Harmonics of the disc errors, rad.
     path : ndarray, shape (n,)
-        The walk at each row, its mean taken off, rad.
+        The walk at each row, minus its mean, rad.
     lead : float
-        2 ln of its likelihood over that of noise that soon forgets; infinite where no row
-        resembles the one before.
+        2 ln(likelihood ratio) to noise with a short correlation; infinite if that noise is
+        uncorrelated.
     """
 
     probability: float
@@ -90,30 +89,30 @@ class CountDrift(NamedTuple):
 
 
 def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=(), slow=()):
-    """Whether differences walk at random.
+    """Test differences for a random walk.
 
     Parameters
     ----------
     difference : ndarray, shape (n,)
         Incremental - absolute in order of time, rad.
     angle : ndarray, shape (n,)
-        Of the axis, rad.
+        Angle of the axis, rad.
     run : ndarray, shape (n,)
-        Power-on; each has its own zero.
+        Power-on; each has a separate zero.
     alternatives : sequence of (ndarray, int)
-        What explains it otherwise, together: columns, and how many numbers each costs.
+        Alternative explanations, fitted together: column, and number of parameters of each.
     limit : float
-        Chance from which on it is no walk.
+        P-value from which there is no walk.
     sides : sequence of ndarray, shape (n,)
-        By which side the axis came: each explains it otherwise, beside the alternatives.
+        Columns of the side of approach; each is tried in addition to the alternatives.
     slow : sequence of (ndarray of shape (k, n), int)
-        The same of slow changes: columns, and how many numbers they cost.
+        The same for slow changes: columns, and number of parameters.
 
     Returns
     -------
     CountDrift or None
-        None where chance, the alternatives, the side of approach or finer harmonics of the angle
-        explain as much, and leave nothing that walks.
+        None if chance, the alternatives, the side of approach or higher harmonics of the angle
+        explain as much, and leave no walk in the residuals.
     """
     n, design = len(difference), GroupColumns.of(run, common=harmonic_columns(angle).T)
     if n < max(_FEWEST, len(design) + _FREE):
@@ -137,12 +136,12 @@ def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=()
               (curves.beside(harmonic_columns(angle, _FINER).T), 2 * len(_FINER))]
     best, white = _bic(y, design, walk, walk.log_det, 1), WhiteNoise(np.ones(n))
     for columns, cost in others:
-        # the better explanation, or not enough of one: what it leaves still walks
+        # an alternative must have a better BIC and leave no walk in the residuals
         if (n >= len(columns) + _FREE and best >= _bic(y, columns, white, 0.0, cost)
                 and _chance(random_walk(columns, y, position, run).memory[0].gain) >= limit):
             return None
     whitened = design.whitened(walk)
-    # discs of a part of the turn resemble each other: no more of them than a disc has
+    # over a part of a turn the harmonics are degenerate: regularise them with the prior `_DISC`
     zeros = whitened.orthonormal_groups()
     rest, target = zeros.off(whitened.common), zeros.off(walk.whiten(y))
     discs = np.linalg.solve(rest @ rest.T + np.eye(len(rest)) / _DISC**2, rest @ target)
@@ -154,10 +153,10 @@ def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=()
 
 
 def _positions(angle):
-    """Along what counts may walk, one a row on average: two kinds.
+    """Positions along which counts may walk, one per row on average: two kinds.
 
-    A step with every row, as a zero does that moves with time; and one the larger, the farther
-    the axis has turned, as wrong counts make: they come with the counts.
+    The row number, as for a zero that moves in time; and the angle travelled by the axis, as for
+    wrong counts, which accumulate with the counts.
     """
     for way in (np.ones(len(angle)), np.abs(wrap(np.diff(angle, prepend=angle[:1])))):
         if way.any():
@@ -165,9 +164,10 @@ def _positions(angle):
 
 
 def _without_wild(y, design):
-    """`y`, readings far from those before and those after them brought to these; what is left.
+    """`y` with outliers replaced by the mean of their neighbours, and its residuals.
 
-    One wild reading is no walk; where it stays, it is one.
+    An outlier differs from the readings before and after it: a single one is no walk, a lasting
+    change is.
     """
     out = robust_fit(design, y).residual
     smooth = y - out
@@ -176,7 +176,7 @@ def _without_wild(y, design):
         if len(at) < 4 * _BESIDE:
             continue
         own = out[at]
-        # of the next four, for each but the last four; and the same backwards
+        # median of the next four readings, except for the last four; and the same backwards
         after = np.median(np.lib.stride_tricks.sliding_window_view(own[1:], _BESIDE), axis=1)
         before = np.median(np.lib.stride_tricks.sliding_window_view(own[:-1], _BESIDE), axis=1)
         beside = np.full((2, len(own)), np.nan)
@@ -189,16 +189,16 @@ def _without_wild(y, design):
 
 
 def _chance(gain):
-    """Of such a likelihood ratio without a walk.
+    """P-value of a likelihood ratio if there is no walk.
 
-    Half of them are zero then (Self and Liang 1987; for a random walk they are more, so this is on
-    the safe side).
+    Half of the ratios are zero then (Self and Liang 1987; for a random walk more, so this is
+    conservative).
     """
     return 0.5 * float(two_sided(np.sqrt(max(gain, 0.0)), 1e9)) if gain > 0.0 else 1.0
 
 
 def _bic(y, design, noise, log_det, numbers):
-    """Bayes' information criterion of a fit with that noise and so many numbers more."""
+    """Bayesian information criterion of a fit with given noise and additional parameters."""
     n = len(y)
     left = design.basis(noise).off(noise.whiten(y))
     return n * np.log(max(left @ left / n, 1e-300)) + n + log_det + numbers * np.log(n)
@@ -208,13 +208,13 @@ def _bic(y, design, noise, log_det, numbers):
 
 
 class Movements(NamedTuple):
-    """What moved inside the power-ons of a night.
+    """Motions inside the power-ons of a night.
 
     Attributes
     ----------
     events : list of EncoderEvent
     drifts : dict of int to CountDrift
-        By axis.
+        By axis index.
     sky : SkyResiduals or None
     """
 
@@ -232,7 +232,7 @@ def movements(night, model, budget, notes):
     model : PointingModel or None
     budget : Budget
     notes : list of Finding
-        Gets what could not be tested.
+        Notes on tests that were not possible are appended.
     """
     slow = [slow_changes(night, axis) for axis in (0, 1)]
     both = [difference_events(night, axis, budget, slow[axis]) for axis in (0, 1)]
@@ -244,7 +244,7 @@ def movements(night, model, budget, notes):
               for axis, one in {(axis, one.kind): (axis, one) for axis, one in instead}.values()]
     walks = {}
     for axis, name in enumerate(AXES):
-        # a step that the sky shows may be a small one of the difference
+        # a step against the sky may be a small step of the difference
         also = [event.column for event in events[len(plain):] if event.axis == name]
         walk = _axis_drift(night, axis, [one for one in plain if one.axis == axis], budget, also,
                            slow[axis])
@@ -265,7 +265,7 @@ def movements(night, model, budget, notes):
 
 
 def _axis_drift(night, axis, events, budget, also, slow=()):
-    """A walk of an axis, in place of its steps and drifts.
+    """A walk of an axis that replaces its steps and drifts.
 
     Parameters
     ----------
@@ -275,16 +275,16 @@ def _axis_drift(night, axis, events, budget, also, slow=()):
         Its steps and drifts.
     budget : Budget
     also : sequence of ndarray, shape (n,)
-        Steps that the stars show at their own moment.
+        Steps found against the sky.
     slow : sequence of SlowChange
-        Discs that turn are no walk.
+        Slow changes, as alternatives: turning discs are no walk.
 
     Returns
     -------
     (DifferenceEvent, CountDrift) or None
     """
     rows, alternatives = night.run >= 0.0, []
-    if len(events) <= 1:  # what steps twice walks
+    if len(events) <= 1:  # two or more steps count as a walk
         alternatives = [(event.column[rows], 1 if event.kind == 'drift' else 2)
                         for event in events] + [(column[rows], 1) for column in also[:1]]
     found = count_drift(night.difference[axis][rows], night.rows[f'{SHORT[axis]}_enc'][rows],
@@ -301,7 +301,7 @@ def _axis_drift(night, axis, events, budget, also, slow=()):
 
 
 def _sides(night, axis):
-    """What a coupling that winds up, or play, does to the difference: a column for each memory."""
+    """Columns for a coupling that winds up, or backlash, in the difference: one per memory."""
     context, name = Context.from_run(night.rows), SHORT[axis]
     play = [effect('hysteresis', axis=name, shape='1', memory_deg=memory)
             for memory in (0.0, *MEMORIES)]

@@ -21,11 +21,11 @@ three shows in two of the three differences between them:
 - absolute - sky at Polaris:     B + S
 - incremental - absolute:        I - B, at every star, free of the star's noise
 
-with I and B what the encoders read too much and S what the mount (or the star) is off. The
+with I and B the reading errors of the encoders and S the error of the mount (or the star). The
 incremental encoder is expected to move at a power-on: its zero on Polaris takes care of that.
-Anything else is an alarm. Two equations do not give three unknowns: which of two moved is a
-posterior probability, from what is usual for each (all suspects equally likely before) and from
-how the stars of the whole sky moved. Inside a power-on: `encoder_jumps`, `count_drift`.
+Anything else is an alarm. Two equations do not determine three unknowns: which of two moved is a
+posterior probability (with equal priors), from the usual changes of each and from the stars of the
+whole sky. Inside a power-on: `encoder_jumps`, `count_drift`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -55,14 +55,14 @@ from .encoder_zeros import (
     zero_shift,
 )
 
-#: counts by which the mark may be off at a later passage
+#: largest error of the mark at a later passage, counts
 MARK_TOLERANCE = 10
-#: from where the marks are to be met
+#: side from which the marks should be met
 HOME_SIDE = 'below'
 
 
 class Homing(NamedTuple):
-    """What the incremental encoder of an axis says of itself and its mark."""
+    """Report of the incremental encoder of an axis on itself and its mark."""
 
     run: int
     axis: str
@@ -71,7 +71,7 @@ class Homing(NamedTuple):
     missed_marks: int = 0
     mark_error: float = np.nan  # counts
     count: float = np.nan  # rad
-    pulse_width: float = np.nan  # of the data sheet, rad
+    pulse_width: float = np.nan  # from the data sheet, rad
     supply: float = np.nan  # when the mark was met, V
     temperature: float = np.nan  # likewise, degC
     started: float = np.nan  # when this power-on began, UTC s
@@ -83,7 +83,7 @@ def axis_homings(axes, run):
     Parameters
     ----------
     axes : dict of str to msg_tools.homing.AxisHoming
-        By axis, from the last message.
+        From the last message, by axis.
     run : int
         Number of the power-on in the observations.
 
@@ -97,20 +97,20 @@ def axis_homings(axes, run):
 
 @dataclass
 class CrossCheckReport:
-    """What the cross-check found.
+    """Result of the cross-check.
 
     Attributes
     ----------
     alarms : list of Finding
-        Axis, what moved, by how much, with what confidence.
+        Axis, what moved, how far, with what confidence.
     shifts : list of ZeroShift
-        From power-on to power-on.
+        Changes between power-ons.
     events : list of EncoderEvent
-        Inside power-ons.
+        Motions inside power-ons.
     notes : list of Finding
-        What could not be compared.
+        Comparisons that were not possible.
     latest : EncoderZeros, StarOffsets or None
-        Of the newest power-on with a zero: the reference of the next night.
+        Zeros of the newest power-on with any: the reference of the next night.
     """
 
     alarms: list = field(default_factory=list)
@@ -126,17 +126,17 @@ def cross_check(rows, reference=None, *, model=None, homings=(), budget=USUAL):
     Parameters
     ----------
     rows : PointingRun
-        Of the night, with ``run``, ``star``, ``time``, ``az_abs``, ``el_abs``. Without the last
-        two only what the encoders say of themselves counts.
+        Rows of the night, with ``run``, ``star``, ``time``, ``az_abs``, ``el_abs``. Without the
+        last two only the encoders' own reports are checked.
     reference : PointingRun, EncoderZeros or StarOffsets, optional
-        An earlier night, or what `CrossCheckReport.latest` was of it. Without it the first power-on
-        with exposures of Polaris is the reference of the others.
+        An earlier night, or its `CrossCheckReport.latest`. Without it the first power-on with
+        exposures of Polaris is the reference of the others.
     model : PointingModel, optional
-        Takes out how the offset differs between two places of Polaris on its circle. Without it
-        the terms of `budget` widen the errors.
+        Corrects for different positions of Polaris on its circle. Without it the terms of `budget`
+        widen the errors.
     homings : iterable of Homing, or None
-        What the incremental encoders say of themselves, after they were to be homed; None where
-        they say nothing although they should: the report has a note then.
+        Reports of the incremental encoders after homing; None if they are missing although
+        expected, which adds a note.
     budget : Budget
 
     Returns
@@ -192,13 +192,13 @@ def _compare(out, rows, reference, model, budget):
 
 
 def _is_known(shift, events):
-    """Whether a jump inside a power-on of the incremental encoder was found as such."""
+    """Whether a shift within one power-on of the incremental encoder was found as an event."""
     return shift.since // 1 == shift.run // 1 and any(
         event.axis == shift.axis and event.run == shift.run // 1 for event in events)
 
 
 def _mark_findings(homing):
-    """What an incremental encoder says of its mark."""
+    """Findings on the mark of an incremental encoder."""
     if not homing.homed:
         yield Finding('reference mark not met', evidence={'homing': homing})
     elif homing.side and homing.side != HOME_SIDE:
@@ -209,7 +209,7 @@ def _mark_findings(homing):
 
 
 def _gap_findings(rows):
-    """An encoder that gave no angle."""
+    """Findings on encoders without an angle in some rows."""
     for encoder, name in (('enc', INCREMENTAL), ('abs', ABSOLUTE)):
         for axis, short in zip(AXES, SHORT):
             bad = np.count_nonzero(~np.isfinite(rows[f'{short}_{encoder}']))
@@ -219,7 +219,7 @@ def _gap_findings(rows):
 
 
 def _power_ons_without_zero(night, zeros, budget, noise):
-    """Power-ons of tonight after a calibrated one that have no zero of their own."""
+    """Findings on power-ons of tonight without a zero, after one with a zero."""
     known = [one for one in zeros if one.run >= 0.0]
     for run in night.tonight:
         before, rows = [one for one in known if one.run < run], night.run == run
@@ -227,7 +227,7 @@ def _power_ons_without_zero(night, zeros, budget, noise):
             continue
         since, last, way = night.rows['time'][rows][0], before[-1], BY_POLARIS
         if isinstance(last, StarOffsets):
-            # the difference at a place like that of Polaris
+            # the difference at the mean position of the stars, as for Polaris
             at, way = night.interval == last.run, BY_STARS
             last = last.zeros(last.star)
             there = [difference_at(night, axis, at, (last.az, last.el)[axis], noise)

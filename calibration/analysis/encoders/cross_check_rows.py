@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The rows of a night as the sky and the two encoders see them, see `cross_check`."""
+"""The rows of a night with differences of sky and both encoders, for `cross_check`."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -35,33 +35,33 @@ AXES = ('azimuth', 'elevation')
 SHORT = ('az', 'el')
 INCREMENTAL, ABSOLUTE, MOUNT = 'incremental encoder', 'absolute encoder', 'mount or sky'
 NOTHING, BOTH = 'nothing', 'both encoders'
-#: they moved alike, as a turn of the mount about this axis would look too
+#: both moved equally, which is indistinguishable from a turn of the mount about this axis
 ALIKE = 'both or mount'
 
-#: stars from which the sky is compared: five terms and the zeros of two power-ons are 9 numbers,
-#: for which 12 stars have 24 values
+#: fewest stars to compare with the sky: five terms and the zeros of two power-ons are 9 parameters,
+#: for which 12 stars give 24 values
 FEWEST_STARS = 12
-#: noise of a reading at least: a count of the incremental encoder (0.0686") / sqrt(12)
+#: smallest noise of a reading: a count of the incremental encoder (0.0686") / sqrt(12)
 LEAST = 0.02 * ARCSEC
-#: terms beside the zeros, of any mount
+#: physical terms other than the zeros, for any mount
 OTHERS = slice(2, 7)
 
 
 class Budget(NamedTuple):
-    """What is usual, 1 sigma in rad, and the chance of a false alarm."""
+    """Usual changes, 1 sigma in rad, and the false-alarm probability."""
 
     #: change of the absolute encoder's zero
     absolute: float = 0.5 * ARCSEC
     #: change of the incremental encoder's zero at a power-on
     power_on: float = 20.0 * ARCSEC
-    #: of the mount's terms, where no model is given
+    #: the mount's terms, if no model is given
     term: float = 60.0 * ARCSEC
-    #: size of what is not usual; only the posterior probabilities depend on it
+    #: size of an unusual change; affects the posterior probabilities only
     anomaly: float = 20.0 * ARCSEC
-    #: nights with an alarm by chance, by all tests of one of three kinds together: inside a
-    #: power-on, against the sky, from power-on to power-on
+    #: false-alarm probability per night, over all tests of one of three kinds: inside a power-on,
+    #: against the sky, from power-on to power-on
     false_alarm: float = 0.005 / 3
-    #: chance that a jump inside a power-on of one is called one of both
+    #: probability that a jump of one encoder inside a power-on is attributed to both
     second: float = 0.01
 
 
@@ -69,24 +69,24 @@ USUAL = Budget()
 
 
 class SkyResiduals(NamedTuple):
-    """Encoder - model on the sky at the rows, and what a refit may change of it."""
+    """Encoder - model on the sky at the rows, and the columns of a refit."""
 
-    incremental: np.ndarray  # (2n,): x of all rows, then y; no zero taken off
+    incremental: np.ndarray  # (2n,): x of all rows, then y; no zero subtracted
     absolute: np.ndarray
     terms: np.ndarray  # (2n, 5)
-    design: GroupColumns  # of 2n rows: zeros of each power-on, terms of each night, the discs
+    design: GroupColumns  # 2n rows: zeros of each power-on, terms of each night, disc errors
     noise: float
 
 
 class NightNoise(NamedTuple):
-    """How much rows resemble the one before.
+    """Correlation of consecutive rows.
 
     Attributes
     ----------
     difference : tuple of CorrelatedNoise
-        Of incremental - absolute, of each axis.
+        Noise of incremental - absolute, for each axis.
     sky : ndarray, shape (2, 2)
-        Correlation against the sky, by axis; incremental and absolute encoder.
+        Correlation of residuals against the sky, by axis; incremental and absolute encoder.
     """
 
     difference: tuple
@@ -101,8 +101,8 @@ class CrossCheckNight:
     run : ndarray, shape (n,)
         Power-on of the incremental encoder.
     interval : ndarray, shape (n,)
-        In which neither encoder was switched on anew: `run`, with a hundredth more for each
-        power-on of the absolute encoder in it.
+        Interval without a power-on of either encoder: `run`, plus 0.01 for each power-on of the
+        absolute encoder within it.
     for_zero : ndarray of bool, shape (n,)
         Exposures for a zero, of Polaris or of stars.
     difference : ndarray, shape (2, n)
@@ -115,7 +115,7 @@ class CrossCheckNight:
             number = reference['run'] - reference['run'].max() - 1.0
             parts.insert(0, PointingRun({**reference.columns, 'run': number},
                                         reference.meta))
-        # logs before that column have none
+        # older logs do not have this column
         parts = [PointingRun({**part.columns, 'absolute_start': part.get('absolute_start'),
                               MARK: is_marked(part)}, part.meta) for part in parts]
         table = PointingRun.concatenate(parts)
@@ -134,7 +134,7 @@ class CrossCheckNight:
         self.cos_el = np.cos(rows['el'])
 
     def _absolute_power_ons(self):
-        """How many the absolute encoder has had in a power-on of the other before each row."""
+        """Number of power-ons of the absolute encoder before each row, within one of the other."""
         out = np.zeros(len(self.run))
         for run in self.runs:
             at = np.flatnonzero(self.run == run)
@@ -144,7 +144,7 @@ class CrossCheckNight:
         return out
 
     def candidates(self, shortest, runs=None, drifts=True):
-        """Steps `shortest` rows or more from the ends of a power-on, and drifts through it.
+        """Candidate steps, at least `shortest` rows from the ends of a power-on, and drifts.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class CrossCheckNight:
         Returns
         -------
         LocalColumns
-            Of coordinate angles, labelled (run, kind, time).
+            Columns for coordinate angles, labelled (run, kind, time).
         """
         blocks, labels = [], []
         for run in self.tonight if runs is None else runs:
@@ -173,20 +173,17 @@ class CrossCheckNight:
         return LocalColumns(len(self.run), blocks, labels)
 
     def difference_design(self, axis):
-        """Columns of incremental - absolute, a GroupColumns.
-
-        Power-ons, and both discs, off their axis and tilted.
-        """
+        """GroupColumns for incremental - absolute: power-ons, eccentricity and tilt of discs."""
         return GroupColumns.of(self.run, common=harmonic_columns(self.rows[SHORT[axis]]).T)
 
     def on_sky(self, axis, column):
-        """What a column of coordinate angles makes on the sky, shape (2n,)."""
+        """Convert a column of coordinate angles to the sky, shape (2n,)."""
         nothing = np.zeros(len(self.run))
         return np.concatenate(
             [column * self.cos_el, nothing] if axis == 0 else [nothing, column])
 
     def sky(self, events, model, notes):
-        """Residuals against the sky, with a zero for each part between the events found.
+        """Residuals against the sky, with a separate zero between the events found.
 
         Parameters
         ----------
@@ -194,12 +191,12 @@ class CrossCheckNight:
         model : PointingModel or None
             None: fitted to the night.
         notes : list of Finding
-            Gets why there are none.
+            If there are none, the reason is appended.
 
         Returns
         -------
         SkyResiduals or None
-            None where the stars are too few.
+            None if there are too few stars.
         """
         if np.count_nonzero(~self.for_zero) < FEWEST_STARS:
             notes.append(Finding('few stars for the sky'))
@@ -218,7 +215,7 @@ class CrossCheckNight:
             self.rows, encoder='abs'))
         terms = np.concatenate(design(self.mount.names.physical[OTHERS], self.rows['az'],
                                       self.rows['el'], self.mount))
-        # the disc of an encoder may show what the model lacks, the same on all nights
+        # disc errors beyond the model, common to all nights
         discs = [self.on_sky(axis, column) for axis in (0, 1)
                  for column in harmonic_columns(self.rows[SHORT[axis]]).T]
         number = np.searchsorted(self.runs, self.run)
@@ -230,10 +227,10 @@ class CrossCheckNight:
         return SkyResiduals(incremental, absolute, terms, columns, noise)
 
     def _shared_effects(self, model):
-        """Those of a model that the absolute encoder shows too.
+        """Effects of a model that also apply to the absolute encoder.
 
-        An effect of the incremental encoder alone is in the difference of the two, to the same
-        amount.
+        An effect of the incremental encoder alone appears in the difference of the two with the
+        same amount.
         """
         shared = []
         for fitted in model.effects:
@@ -249,19 +246,19 @@ class CrossCheckNight:
         return shared
 
     def _by_night(self, terms):
-        """Terms of tonight and of the reference night: the mount may have changed between them."""
+        """Separate terms for tonight and for the reference night, between which they may change."""
         tonight = np.tile(self.run >= 0.0, 2)
         return [terms * (tonight == which)[:, None] for which in np.unique(tonight)[::-1]]
 
     def noise(self, sky, events):
-        """How much a row resembles the one before it, a NightNoise.
+        """Estimate the correlation of consecutive rows, a NightNoise.
 
         Parameters
         ----------
         sky : SkyResiduals or None
-            None: by Polaris alone.
+            None: from Polaris alone.
         events : list of EncoderEvent
-            What has moved inside power-ons.
+            Motions inside power-ons.
         """
         columns = [[event.column for event in events if event.axis == name] for name in AXES]
         difference = tuple(noise_beside(self.difference_design(axis).beside(*columns[axis]),

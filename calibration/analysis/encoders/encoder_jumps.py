@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Steps and drifts inside a power-on: at what moment, and which encoder moved, or the mount.
+"""Steps and drifts inside a power-on: when, and whether an encoder or the mount moved.
 
-The moment and the cause of a jump are found together. At each moment that the rows allow, a fit of
-incremental - absolute, d = I - B, and one of absolute - sky, s = B + S, give how likely each cause
-is: the incremental encoder (s = 0), the absolute one (s = -d), both alike or the mount (d = 0),
-both unlike (d and s free); the moments are added up. What each size is beforehand is measured in
-its own sigma (Zellner's g prior), so that a jump of one is called one of both by a chance of
-`Budget.second` whatever the noise. The noises are those of the night, and what they have in common
-(the absolute encoder's reading is in both) is taken out first.
+The time and the cause of a jump are estimated together. At each possible time, a fit of incremental
+- absolute, d = I - B, and one of absolute - sky, s = B + S, give the likelihood of each cause: the
+incremental encoder (s = 0), the absolute one (s = -d), both alike or the mount (d = 0), both unlike
+(d and s free). The evidence is summed over the times. The prior of each size is in units of its own
+sigma (Zellner's g prior), so that a jump of one is attributed to both with probability
+`Budget.second` whatever the noise. The noise is estimated from the night, and the correlation of
+the two differences (the absolute encoder's reading is in both) is removed first.
 """
 
 from dataclasses import dataclass, replace
@@ -40,15 +40,15 @@ from ...estimation.step_scan import (
 from .cross_check_rows import ABSOLUTE, ALIKE, AXES, BOTH, INCREMENTAL, LEAST
 from .jump_or_slow_change import jumps_or_slow
 
-#: rows on either side of a step. Two wild readings together at the end of 40 rows make a step in
-#: 29 % of the nights with 1 or 2, in 8 % with 3, in 1.5 % with 4, which is also later to see one
+#: fewest rows on either side of a step. Two adjacent wild readings at the end of 40 rows make a
+#: step in 29 % of the nights with 1 or 2, in 8 % with 3, in 1.5 % with 4, which detects later
 _SEGMENT = 3
-#: ... and of one that the sky alone shows
+#: ... of a step that is seen against the sky only
 _SKY_SEGMENT = 5
-#: steps and drifts of an axis in a night, of the difference and against the sky; who has more has
-#: another trouble
+#: largest number of steps and drifts of an axis in a night, of the difference and against the sky;
+#: more would be another kind of trouble
 _MOST, _MOST_SKY = 3, 2
-#: of twice the logarithm of the likelihood: moments of a step, within 3 sigma of the best
+#: drop in 2 ln(likelihood) of the times of a step within 3 sigma of the best
 _NEAR = 9.0
 
 
@@ -63,22 +63,22 @@ class DifferenceEvent(NamedTuple):
     amount: float
     sigma: float
     probability: float
-    #: that the incremental encoder did it, before the stars are asked
+    #: prior odds that the incremental encoder moved
     odds: float = 1.0
-    #: BIC by which it is better than any slow change
+    #: gain in BIC over the best slow change
     lead: float = np.inf
 
 
 @dataclass(frozen=True)
 class EncoderEvent:
-    """Something that moved inside a power-on.
+    """A motion inside a power-on.
 
     `kind` is ``step`` (amount in rad, at `time`), ``drift`` (amount in rad/s) or ``walk`` (random,
-    amount in rad from its lowest to its highest), and `column`, shape (n,), how it went. The amount
-    is what `moved` reads too much, with that `confidence` (posterior). `probability` is the chance
-    of such a step anywhere in the night without one, if the noise is all there is; `lead`, by how
-    much (BIC) it is better than any `SlowChange`. Where `moved` is `BOTH`, the
-    amount is that of the incremental encoder, and `second` that of the absolute one.
+    amount in rad from minimum to maximum), and `column`, shape (n,), its time course. The amount is
+    the reading error of `moved`; `confidence` is the posterior probability of that cause.
+    `probability` is the p-value of such a step anywhere in the night under noise alone; `lead` the
+    gain in BIC over the best `SlowChange`. If `moved` is `BOTH`, the amount is that of the
+    incremental encoder, and `second` that of the absolute one.
     """
 
     axis: str
@@ -97,7 +97,7 @@ class EncoderEvent:
 
 
 class _StepFits(NamedTuple):
-    """A difference with each of k steps: sizes and their sigmas, (k,), rad."""
+    """Fits of a difference with each of k steps: sizes and their sigmas, (k,), rad."""
 
     size: np.ndarray
     sigma: np.ndarray
@@ -116,13 +116,13 @@ def difference_events(night, axis, budget, slow=()):
     axis : {0, 1}
     budget : Budget
     slow : sequence of SlowChange
-        That may be taken for them.
+        Slow changes that could be mistaken for them.
 
     Returns
     -------
     found : list of DifferenceEvent
     instead : list of SlowChange
-        That are the better explanation of others.
+        Slow changes that explain rejected events better.
     """
     candidates, design = night.candidates(_SEGMENT), night.difference_design(axis)
     if not len(candidates) or len(night.run) <= len(design) + _MOST + 1:
@@ -146,24 +146,24 @@ def difference_events(night, axis, budget, slow=()):
 
 
 def encoder_events(night, sky, events, budget, slow=((), ())):
-    """Who moved in the night, by steps of either difference.
+    """Attribute events to an encoder or the mount, and search further ones against the sky.
 
     Parameters
     ----------
     night : CrossCheckNight
     sky : SkyResiduals or None
-        None: the stars do not tell; what the encoders show is named without them.
+        None: no information from stars.
     events : list of DifferenceEvent
     budget : Budget
     slow : pair of sequence of SlowChange
-        Of each axis.
+        For each axis.
 
     Returns
     -------
     found : list of EncoderEvent
-        Those of `events`, in their order, then those that only the sky shows.
+        Those of `events`, in the same order, then those seen against the sky only.
     instead : list of (int, SlowChange)
-        Axes and what explains others better, that only the sky shows.
+        Axis and slow change that explains rejected events against the sky better.
     """
     if sky is None:
         return [_drifting_encoder(night, None, event) for event in events], []
@@ -182,10 +182,10 @@ def encoder_events(night, sky, events, budget, slow=((), ())):
 
 
 def _retimed(night, sky, events, budget):
-    """The events, small ones as a step where the sky has one.
+    """The events, with small ones moved to the time of a step against the sky.
 
-    A small difference of two large jumps is found beside its moment, or as a drift, which then
-    would take up the large one on the sky.
+    If both encoders jump by large, nearly equal amounts, their small difference may be found at a
+    wrong time, or as a drift, which would then absorb the large jump against the sky.
     """
     steps, out = night.candidates(_SKY_SEGMENT, drifts=False), list(events)
     for n, event in enumerate(events):
@@ -212,9 +212,9 @@ def _retimed(night, sky, events, budget):
 
 
 def _drifting_encoder(night, sky, event):
-    """Which encoder made a drift or walk of incremental - absolute, an `EncoderEvent`.
+    """Attribute a drift or walk of incremental - absolute to one encoder, an `EncoderEvent`.
 
-    One of both; also of a step where the stars are too few.
+    Also used for a step if there are too few stars.
     """
     trust = 0.5
     if sky is not None:
@@ -222,7 +222,7 @@ def _drifting_encoder(night, sky, event):
         noise = noise_beside(full, sky.absolute, night.run)
         fit = robust_fit(full.whitened(noise), noise.whiten(sky.absolute))
         against, variance = fit.coefficients[-1], fit.covariance[-1, -1]
-        # the absolute encoder stood still, or it moved by as much the other way
+        # either the absolute encoder did not move, or it moved by the opposite amount
         trust = probabilities({
             INCREMENTAL: log_normal(against, variance) + np.log(event.odds),
             ABSOLUTE: log_normal(against + event.amount, variance + event.sigma**2),
@@ -234,7 +234,7 @@ def _drifting_encoder(night, sky, event):
 
 
 def _sky_events(night, sky, found, budget, slow):
-    """Steps and drifts against the sky that both encoders share, or have a part of.
+    """Steps and drifts against the sky that both encoders share, fully or in part.
 
     Returns
     -------
@@ -281,14 +281,14 @@ def _sky_events(night, sky, found, budget, slow):
 
 
 def _step(night, sky, run, found, number, budget):
-    """The step `number` of those `found` (axis, column), at its moment and by its likeliest cause.
+    """Time and most likely cause of the step `number` of those `found` (axis, column).
 
-    The others are kept where they are.
+    The others are kept fixed.
 
     Returns
     -------
     EncoderEvent or None
-        None where no moment determines it.
+        None if it is determined at no time.
     """
     axis, column = found[number]
     steps = night.candidates(_SEGMENT, [run], drifts=False)
@@ -298,13 +298,13 @@ def _step(night, sky, run, found, number, budget):
     sky_design = sky.design.beside(*(night.on_sky(*one) for one in others))
     on_sky = np.column_stack([night.on_sky(axis, one) for one in columns.T])
     at, by_difference = int(np.argmin(np.abs(columns - column[:, None]).sum(axis=0))), None
-    for _ in range(2):  # outliers and noise are those beside the step
+    for _ in range(2):  # outliers and noise depend on the step
         full, sky_full = design.beside(columns[:, at]), sky_design.beside(on_sky[:, at])
         if min(len(columns) - len(full), 2 * len(columns) - len(sky_full)) < 3:
             return None
         y, second = clipped(full, night.difference[axis]), clipped(sky_full, sky.absolute)
         fit = robust_fit(full, y)
-        # how much of incremental - absolute is in absolute - sky, by what both leave
+        # regression of absolute - sky on incremental - absolute, from the residuals of both
         left = night.on_sky(axis, fit.residual)
         shared = float(np.clip(left @ robust_fit(sky_full, second).residual
                                / max(left @ left, 1e-300), -1.0, 0.0))
@@ -313,7 +313,7 @@ def _step(night, sky, run, found, number, budget):
         u = _step_fits(sky_design, second - shared * night.on_sky(axis, own), on_sky, at, night.run)
         gain = d.gain + u.gain
         if by_difference is None:
-            # found in incremental - absolute: not far from where that has it
+            # a step clear in incremental - absolute keeps about the time found there
             by_difference = d.gain[at] > d.gain.max() - _NEAR and d.gain.max() > 2.0 * _NEAR
         if by_difference:
             gain = np.where(d.gain > d.gain.max() - _NEAR, gain, -np.inf)
@@ -336,7 +336,7 @@ def _step(night, sky, run, found, number, budget):
 
 
 def _step_fits(design, y, steps, at, run):
-    """Each step alone beside the design, with the noise beside the step `at`."""
+    """Fit each step alone with the design, with the noise estimated with the step `at`."""
     noise = neighbour_noise(design.beside(steps[:, at]), y, run)
     basis = design.basis(noise)
     y, steps = basis.off(noise.whiten(y)), basis.off(noise.whiten(steps.T))
@@ -348,10 +348,10 @@ def _step_fits(design, y, steps, at, run):
 
 
 def _evidence(d, u, shared, chance):
-    """Log evidence of each cause at each moment, (k,), by (d, s - shared d)."""
-    from scipy.special import ndtri  # a quarter of a second
+    """Log evidence of each cause at each time, (k,), from (d, s - shared d)."""
+    from scipy.special import ndtri  # takes 0.25 s to load
     toll = 0.5 * ndtri(0.5 * chance) ** 2
-    # of a size g times its sigma: half its square goes with the factor g / (1 + g)
+    # g prior: the log-likelihood gain, half the square, is multiplied by g / (1 + g)
     half = 0.5 * -np.expm1(-2.0 * toll)
 
     def along(first, other):

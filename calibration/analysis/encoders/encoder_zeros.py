@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Zeros of both encoders in each power-on by the sky, and who moved from one to the next.
+"""Zeros of both encoders against the sky in each power-on, and what moved between power-ons.
 
-The sky is Polaris, or stars that were exposed for a zero. Stars stand elsewhere than Polaris, and
-what the disc of an encoder does there is no change. So two power-ons are compared by the stars that
-were exposed in both, each with one voice however often it was exposed.
+The sky is Polaris, or stars that were exposed for a zero. Stars are at other positions, where the
+disc errors of an encoder differ, which is no change. So two power-ons are compared with the stars
+exposed in both, each with the same weight however often it was exposed.
 """
 
 from dataclasses import dataclass
@@ -54,35 +54,35 @@ from .cross_check_rows import (
     SHORT,
 )
 
-#: stars that two power-ons must have in common to be compared
+#: fewest common stars to compare two power-ons
 _FEWEST_COMMON = 3
 _FEWEST_EXPOSURES = 4
-#: rad, prior of what both hypotheses hold alike, wider than any mount's terms: their evidence does
-#: not depend on it
+#: rad, prior sigma of terms common to both hypotheses, wider than those of any mount: the evidence
+#: ratio does not depend on it
 _ANYTHING = np.radians(1.0)
 
 
 @dataclass(frozen=True)
 class EncoderZeros:
-    """What both encoders read at Polaris, or some stars, in a power-on.
+    """Zeros of both encoders at Polaris, or some stars, in a power-on.
 
     Attributes
     ----------
     run : float
-        As of `CrossCheckNight.interval`.
+        See `CrossCheckNight.interval`.
     az, el : float
-        Mean place of Polaris, rad.
+        Mean position of Polaris, rad.
     incremental, absolute : ndarray, shape (2,)
         Encoder - sky at Polaris, azimuth and elevation, coordinate angles, rad.
     covariance : ndarray, shape (2, 2, 2)
-        Of both on each axis, rad^2: they share the star's noise.
+        Covariance of both for each axis, rad^2: they share the star's noise.
     difference, difference_sigma : ndarray, shape (2,)
-        Incremental - absolute at that place, by all rows of the power-on, and 1 sigma, rad.
+        Incremental - absolute at that position, from all rows of the power-on, and 1 sigma, rad.
     exposures : int
-        Of Polaris; where they resemble the one before, as many as independent ones would do.
+        Number of exposures of Polaris; effective number if they are correlated.
     stars : tuple of ndarray, optional
-        Where stars were exposed in place of Polaris: azimuth and elevation of each (s,), rad, and
-        with which weights (2, s) their offsets on the sky make `incremental` and `absolute`.
+        If stars were exposed in place of Polaris: azimuth and elevation of each (s,), rad, and the
+        weights (2, s) of their on-sky offsets in `incremental` and `absolute`.
     """
 
     run: float
@@ -97,7 +97,10 @@ class EncoderZeros:
     stars: tuple | None = None
 
     def mean(self, offsets):
-        """Of ``offsets(az, el)`` on the sky, (s,) or (s, k) an axis, as the angles have it."""
+        """Weighted mean, as coordinate angles, of ``offsets(az, el)`` on the sky.
+
+        The function returns (s,) or (s, k) for each axis.
+        """
         if self.stars is None:
             x, y = offsets(np.array([self.az]), np.array([self.el]))
             return np.stack([x[0] / np.cos(self.el), y[0]])
@@ -107,27 +110,26 @@ class EncoderZeros:
 
 @dataclass(frozen=True)
 class StarOffsets:
-    """Exposures of stars for the zero of a power-on, each star once.
+    """Exposures of stars for the zero of a power-on, averaged per star.
 
     Attributes
     ----------
     run : float
-        As of `CrossCheckNight.interval`.
+        See `CrossCheckNight.interval`.
     star : ndarray, shape (s,)
         Numbers, ascending.
     az, el : ndarray, shape (s,)
-        Mean catalogue place, rad.
+        Mean catalogue position, rad.
     offsets : ndarray, shape (2, 2, s)
         Encoder - catalogue on the sky, rad: incremental and absolute, x and y.
     noise : ndarray, shape (2, 2)
-        Of an exposure, 1 sigma: incremental and absolute, by axis; with what they resemble each
-        other.
+        1 sigma of an exposure: incremental and absolute, by axis; enlarged for their correlation.
     difference : ndarray, shape (2, s)
         Incremental - absolute, coordinate angles, rad.
     difference_noise : ndarray, shape (2,)
-        Of an exposure, by axis.
+        1 sigma of an exposure, by axis.
     count : ndarray, shape (s,)
-        Exposures that count.
+        Number of exposures used.
     """
 
     run: float
@@ -141,12 +143,12 @@ class StarOffsets:
     count: np.ndarray
 
     def zeros(self, stars):
-        """By some of the stars, an EncoderZeros."""
+        """EncoderZeros from some of the stars."""
         at = np.isin(self.star, stars)
         el, count = self.el[at], self.count[at]
         weights = np.stack([np.cos(el) / np.sum(np.cos(el) ** 2), np.full(len(el), 1 / len(el))])
         angles = np.einsum('as,eas->ea', weights, self.offsets[:, :, at])
-        # the difference of coordinate angles, as the zero weighs it
+        # the difference of coordinate angles, with the weights of the zero
         own = weights * np.stack([np.cos(el), np.ones(len(el))])
         variance = np.square(self.noise) * np.sum(np.square(weights) / count, axis=1)
         between = np.square(self.difference_noise) * np.sum(np.square(own) / count, axis=1)
@@ -162,16 +164,16 @@ def _mean_azimuth(az):
 
 
 def _covariance(incremental, absolute, between):
-    """Of two readings with these variances, whose difference has the variance `between`."""
+    """Covariance matrix of two readings whose difference has the variance `between`."""
     most = np.sqrt(incremental * absolute)
     both = float(np.clip(0.5 * (incremental + absolute - between), -most, most))
     return np.array([[incremental, both], [both, absolute]])
 
 
 def inflation(rho, count):
-    """Variance of the mean of `count` rows in a row, as their scatter gives it, is too small by.
+    """Factor by which the variance of the mean of `count` consecutive rows exceeds scatter / n.
 
-    Of AR(1) rows, exactly (Priestley 1981, Spectral Analysis and Time Series, section 5.3.2).
+    Exact for AR(1) noise (Priestley 1981, Spectral Analysis and Time Series, section 5.3.2).
     """
     if rho <= 0.0 or count < 2:
         return 1.0
@@ -180,14 +182,14 @@ def inflation(rho, count):
 
 
 def power_on_zeros(night, noise, model=None):
-    """Zeros of each power-on with Polaris, an EncoderZeros, or with stars, a StarOffsets.
+    """Zeros of each power-on: EncoderZeros from Polaris, or StarOffsets from stars.
 
     Parameters
     ----------
     night : CrossCheckNight
     noise : NightNoise
     model : PointingModel, optional
-        Gives which exposures of stars are wild, and no more: without it all count.
+        Used only to reject wild exposures of stars; without it all are used.
     """
     out = []
     for interval in np.unique(night.interval):
@@ -204,7 +206,7 @@ def power_on_zeros(night, noise, model=None):
 
 
 def _zeros_by_polaris(night, interval, rows, part, noise):
-    """Of `rows`, a mask, the exposures of Polaris are `part`."""
+    """EncoderZeros of a power-on; `rows`: mask of its rows, `part`: its exposures of Polaris."""
     zeros = [zero_from_exposures(part, PointingModel({}, mount=night.mount), encoder=encoder)
              for encoder in ('enc', 'abs')]
     place = _mean_azimuth(part['az']), float(part['el'].mean())
@@ -220,7 +222,7 @@ def _zeros_by_polaris(night, interval, rows, part, noise):
 
 
 def difference_at(night, axis, rows, place, noise):
-    """Incremental - absolute of a power-on at a place, by all its `rows` (a mask); and 1 sigma."""
+    """Incremental - absolute at a position, from all `rows` (a mask) of a power-on; and 1 sigma."""
     angle = night.rows[SHORT[axis]][rows]
     columns, at = [np.ones(len(angle))], [1.0]
     if np.count_nonzero(rows & ~night.for_zero) >= FEWEST_STARS:
@@ -238,15 +240,15 @@ def star_offsets(run, rows, model, correlation):
     ----------
     run : float
     rows : PointingRun
-        Those exposures, finite, with both encoders.
+        The exposures, finite, with both encoders.
     model : PointingModel or None
     correlation : ndarray, shape (2, 2)
-        As of `NightNoise.sky`.
+        See `NightNoise.sky`.
 
     Returns
     -------
     StarOffsets or None
-        None where they are too few.
+        None if there are too few.
     """
     if len(rows) < _FEWEST_EXPOSURES:
         return None
@@ -268,7 +270,7 @@ def star_offsets(run, rows, model, correlation):
     offsets = [np.stack(rows.offsets(encoder)) for encoder in ('enc', 'abs')]
     difference = np.stack([wrap(rows[f'{axis}_enc'] - rows[f'{axis}_abs']) for axis in SHORT])
     more = np.array([[inflation(rho, len(rows)) for rho in both] for both in correlation])
-    # no azimuth is near half a turn of another of the same star
+    # the mean of unit vectors is safe: azimuths of one star are not half a turn apart
     az = np.arctan2(*mean((np.sin(rows['az']), np.cos(rows['az']))))
     return StarOffsets(
         run, star, az, mean((rows['el'],))[0], np.stack([mean(v) for v in offsets]),
@@ -277,7 +279,7 @@ def star_offsets(run, rows, model, correlation):
 
 
 def comparable(before, now):
-    """Zeros of two power-ons, EncoderZeros, by what both have.
+    """EncoderZeros of two power-ons, from the stars that they have in common.
 
     Parameters
     ----------
@@ -286,7 +288,7 @@ def comparable(before, now):
     Raises
     ------
     ValueError
-        They have nothing in common, in words.
+        They have too few in common; the message gives the reason.
     """
     by_stars = [isinstance(one, StarOffsets) for one in (before, now)]
     if not any(by_stars):
@@ -301,14 +303,14 @@ def comparable(before, now):
 
 @dataclass(frozen=True)
 class ZeroShift:
-    """What moved on an axis from one power-on (or night) to the next, rad.
+    """Changes on an axis from one power-on (or night) to the next, rad.
 
-    `incremental` and `absolute` are against the sky at Polaris, `difference` is incremental -
-    absolute. `pull` is the absolute encoder's change over its expected sigma, which holds the noise
-    and what is usual for the encoder: how far the zeros by Polaris and by the absolute encoder
-    disagree. `moved` are posterior probabilities, where something other than the incremental
-    encoder moved. `cause` is the likeliest of `causes`, which are before it is asked whether there
-    was an alarm. `by`: the sky is Polaris, or stars.
+    `incremental` and `absolute` are relative to the sky at Polaris, `difference` is incremental -
+    absolute. `pull` is the absolute encoder's change divided by its expected sigma (noise and usual
+    changes of the encoder), i.e. the disagreement of the zeros from Polaris and from the absolute
+    encoder. `moved`: posterior probabilities if something other than the incremental encoder moved.
+    `causes`: probabilities regardless of an alarm, and `cause` the most likely one consistent with
+    it. `by`: whether the sky is Polaris or stars.
     """
 
     axis: str
@@ -338,10 +340,10 @@ def zero_shift(night, axis, before, now, model, budget, tests, sky):
     axis : {0, 1}
     before, now : EncoderZeros
     model : PointingModel or None
-        Takes out how the offset differs between their places; None: the terms of the budget do.
+        Corrects for their different positions; None: the terms of the budget widen the errors.
     budget : Budget
     tests : int
-        That there are.
+        Number of tests, for the Bonferroni correction.
     sky : SkyResiduals or None
     """
     between, extra = _between_places(before, now, model, budget.term, night.mount)
@@ -354,7 +356,7 @@ def zero_shift(night, axis, before, now, model, budget, tests, sky):
     noise = covariance[1, 1]
     expected = np.sqrt(noise + budget.absolute**2)
     freedom = max(before.exposures + now.exposures - 2, 1)
-    with np.errstate(divide='ignore'):  # without any noise all of it is known
+    with np.errstate(divide='ignore'):  # without any noise the sigma is known exactly
         freedom *= (expected**2 / noise) ** 2  # Welch: only the noise was estimated
     p = float(two_sided(absolute / expected, freedom)) * tests
     alarm = p < budget.false_alarm
@@ -364,8 +366,8 @@ def zero_shift(night, axis, before, now, model, budget, tests, sky):
     moved = {}
     if alarm:
         usual = budget.power_on**2
-        # had only the absolute encoder moved, incremental - sky is a usual drift; had the mount,
-        # incremental - absolute is
+        # if only the absolute encoder moved, incremental - sky shows a usual change; if the mount
+        # moved, incremental - absolute does
         moved, tilt = _suspects(
             night, axis, before, now, budget, sky,
             log_normal(incremental, covariance[0, 0] + usual),
@@ -379,7 +381,7 @@ def zero_shift(night, axis, before, now, model, budget, tests, sky):
 
 
 def _between_places(before, now, model, term_sigma, mount):
-    """How the offset differs between two places of Polaris, or stars, (2,), and its variance."""
+    """Difference of the offset between two positions of Polaris, or stars, (2,); its covariance."""
     if model is not None:
         between = now.mean(model.offsets) - before.mean(model.offsets)
         names, spread = tuple(model.terms), model.covariance
@@ -392,9 +394,9 @@ def _between_places(before, now, model, term_sigma, mount):
 
 
 def _suspects(night, axis, before, now, budget, sky, alone, together):
-    """Whether the absolute encoder or the mount moved, posterior; and whether that leans.
+    """Posterior probabilities that the absolute encoder or the mount moved, and of a mount tilt.
 
-    `alone`, `together`: log evidence of the one and of the other by the zeros.
+    `alone`, `together`: log evidence of the two from the zeros.
     """
     logs = {ABSOLUTE: alone, MOUNT: together + np.log(0.5), 'tilt': together + np.log(0.5)}
     stars = [np.count_nonzero((night.interval == one.run) & ~night.for_zero)
@@ -410,7 +412,7 @@ def _suspects(night, axis, before, now, budget, sky, alone, together):
         wide, width = [_ANYTHING] * 7, [budget.anomaly] * 2
         slip = evidence(fixed[rows], y, sky.noise, [*wide, *width])
         logs[ABSOLUTE] += slip
-        logs[MOUNT] += slip  # about the axis itself: as a slip of both encoders
+        logs[MOUNT] += slip  # a turn about the axis itself looks like a slip of both encoders
         width[axis] = budget.absolute
         logs['tilt'] += evidence(np.column_stack([fixed, later])[rows], y, sky.noise,
                                  [*wide, *width, *[budget.anomaly] * sky.terms.shape[1]])
@@ -420,13 +422,13 @@ def _suspects(night, axis, before, now, budget, sky, alone, together):
 
 def cause_probabilities(difference, difference_variance, absolute, absolute_variance, size,
                         quiet=0.0):
-    """How likely each cause of a jump at a power-on is, all of them equally likely before.
+    """Posterior probability of each cause of a jump at a power-on, with equal priors.
 
-    Two differences are seen: incremental - absolute, I - B, and absolute - sky, B + S. A jump of
-    one of the three is one unknown for two equations; both encoders unlike are two unknowns, which
-    fit whatever is left, so they have to pay for it (Occam factor of the Bayesian evidence; MacKay
-    2003, Information Theory, Inference, and Learning Algorithms, ch. 28). Both encoders alike and a
-    turn of the mount about the axis are the same in both equations.
+    Two differences are measured: incremental - absolute, I - B, and absolute - sky, B + S. A jump
+    of one of the three is one unknown for two equations. Different jumps of both encoders are two
+    unknowns, which fit anything, and are penalised for that (Occam factor of the Bayesian evidence;
+    MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28). Equal jumps of
+    both encoders and a turn of the mount about the axis are indistinguishable.
 
     Parameters
     ----------
@@ -435,9 +437,9 @@ def cause_probabilities(difference, difference_variance, absolute, absolute_vari
     absolute, absolute_variance : float
         Change of absolute - sky.
     size : float
-        1 sigma of what has moved, rad: a jump far above the noise is named whatever it is.
+        Prior 1 sigma of a jump, rad; hardly matters for a jump far above the noise.
     quiet : float
-        1 sigma of what is usual for an encoder that has not moved, rad.
+        1 sigma of the usual change of an encoder without a jump, rad.
 
     Returns
     -------

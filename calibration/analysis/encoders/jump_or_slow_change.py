@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A slow change is no jump: what goes slowly inside a power-on, and how much likelier a jump is.
+"""Slow changes inside a power-on, and their likelihood ratio to jumps.
 
-A step is a poor picture of what goes slowly, but the best of those that are tried, and noise alone
-makes nothing like it: its chance is that of a model that is wrong. So jumps stand against slow
-changes by likelihood, each number paid by ln n (BIC): a disc that turns on its hub, or goes off its
-axis, while the night goes on, and a zero that goes along a curve of time.
+A slow change can be mistaken for a step: the step fits poorly but better than noise alone, so its
+p-value is significant although the model is wrong. Therefore jumps are compared with slow changes
+by BIC (ln n per parameter): a disc that turns on its hub or shifts off its axis during the night,
+and a zero that follows a smooth curve of time.
 """
 
 from typing import NamedTuple
@@ -26,30 +26,30 @@ import numpy as np
 
 from ...estimation.step_scan import clipped, neighbour_noise
 
-#: BIC by which jumps must be better than any slow change: strong evidence (Kass and Raftery 1995,
-#: section 3.2)
+#: BIC by which jumps must beat all slow changes: strong evidence (Kass and Raftery 1995, section
+#: 3.2)
 LEAD = 6.0
-#: slow changes that are fitted beside each other, at most
+#: largest number of slow changes fitted together
 _MOST = 3
-#: rad through which the disc turns in the night, at most; between those tried: half of it is the
-#: error of the phase at either end
+#: rad: largest turn of the disc in the night, and grid spacing (half of it is the phase error at
+#: either end)
 _FARTHEST, _SPACING = 20.0, 1.0
-#: numbers of a step (size, moment) and of a drift
+#: number of parameters of a step (size, time) and of a drift
 NUMBERS = {'step': 2, 'drift': 1}
 
 
 class SlowChange(NamedTuple):
-    """What may go slowly on an axis.
+    """A possible slow change of an axis.
 
     Attributes
     ----------
     kind : {'disc turns', 'disc shifts', 'zero drifts slowly'}
     columns : ndarray, shape (k, n)
-        Of the axis' angle.
+        Design columns for the angle of the axis.
     numbers : int
-        That it is free in.
+        Number of free parameters.
     turn : float
-        Angle through which the disc turns in the night, rad; NaN of others.
+        Angle by which the disc turns in the night, rad; NaN for other kinds.
     """
 
     kind: str
@@ -59,7 +59,7 @@ class SlowChange(NamedTuple):
 
 
 def slow_changes(night, axis):
-    """Slow changes of an axis, a list of `SlowChange`; none of a night without length.
+    """Slow changes of an axis, a list of `SlowChange`; empty for a night of zero length.
 
     Parameters
     ----------
@@ -83,35 +83,35 @@ def slow_changes(night, axis):
 
 
 def lead_over(slow, design, y, run, jumps, numbers):
-    """By how much jumps are better than the best slow change, BIC, and that one.
+    """Gain in BIC of jumps over the best slow change, and that slow change.
 
     Parameters
     ----------
     slow : list of SlowChange
-        Columns as `y` has them.
+        With columns for the values of `y`.
     design : GroupColumns
-        What is fitted anyway.
+        Columns that are always fitted.
     y : ndarray
     run : ndarray, shape (n,)
     jumps : list of ndarray
-        Columns as `y` has them.
+        Columns for the values of `y`.
     numbers : int
-        That they are free in.
+        Number of free parameters of the jumps.
 
     Returns
     -------
     lead : float
-        Infinite where there is no slow change.
+        Infinite if there is no slow change.
     best : SlowChange or None
     """
     if not slow:
         return np.inf, None
     first, n = _best(slow, design, y), len(y)
-    # outliers of neither, for both
+    # clip outliers from a model with both, for a fair comparison
     tame = clipped(design.beside(*jumps, *first.columns), y)
 
     def cost(beside, models):
-        """-2 ln L of each model and what it pays, with the noise beside one of them."""
+        """BIC of each model, with the noise estimated with the columns `beside`."""
         noise = neighbour_noise(design.beside(*beside), tame, run)
         basis = design.basis(noise)
         rest = basis.off(noise.whiten(tame))
@@ -124,18 +124,18 @@ def lead_over(slow, design, y, run, jumps, numbers):
 
 
 def jumps_or_slow(search, slow, design, y, run, column, kind=lambda one: one.kind):
-    """What a search finds that is far likelier than any slow change.
+    """Jumps and drifts found by a search that are far more likely than any slow change.
 
-    Where a slow change is as likely, it is fitted too, and the search goes on beside it.
+    If a slow change is as likely, it is added to the design, and the search is repeated.
 
     Parameters
     ----------
     search : callable
         Design -> list of jumps and drifts.
     slow, design, y, run
-        As of `lead_over`.
+        See `lead_over`.
     column, kind : callable
-        Of what was found: its column as `y` has it, and a key of `NUMBERS`.
+        Return the column (for the values of `y`) and the kind (key of `NUMBERS`) of an event.
 
     Returns
     -------
@@ -149,7 +149,7 @@ def jumps_or_slow(search, slow, design, y, run, column, kind=lambda one: one.kin
         if not found:
             break
         kinds = [kind(one) for one in found]
-        # a drift is a slow change itself
+        # a drift is a slow change itself: do not compare it with a drifting zero
         rivals = [one for one in slow if one.kind != 'zero drifts slowly' or 'step' in kinds]
         lead, best = lead_over(rivals, design, y, run, [column(one) for one in found],
                                sum(NUMBERS[one] for one in kinds))
@@ -168,7 +168,7 @@ def _best(slow, design, y):
 
 
 def _left(basis, noise, rest, columns):
-    """Square of what columns leave of something beyond a design."""
+    """Residual sum of squares of `rest`, which is beyond a design, after fitting columns."""
     white = basis.off(np.array(columns if noise is None else noise.whiten(columns)))
     q, r = np.linalg.qr(white.T)
     live = np.abs(np.diagonal(r)) > 1e-6 * np.abs(np.diagonal(r)).max(initial=1e-300)

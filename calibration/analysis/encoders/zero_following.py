@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What an active zero follows: the absolute encoder, where the counts of the other drift."""
+"""Correction of an active zero by the absolute encoder, if the incremental counts drift."""
 
 import numpy as np
 
@@ -21,25 +21,24 @@ from pointing_model.zero_drift import AxisFollowing, Following, harmonic_columns
 from .count_drift import movements
 from .cross_check_rows import AXES, INCREMENTAL, SHORT, USUAL, CrossCheckNight
 
-#: probability that it is the incremental encoder, by the stars, from where its zero follows the
-#: other
+#: smallest posterior probability that the incremental encoder drifts, to correct its zero
 SURE = 0.9
 
 
 def zero_following(rows, budget=USUAL):
-    """What the zero of each axis has to follow, by the rows of a night.
+    """Axes whose zero must be corrected by the absolute encoder, from the rows of a night.
 
     Parameters
     ----------
     rows : PointingRun
-        To fit by, with ``run``, ``star`` and ``time``; without a second encoder nothing follows.
+        With ``run``, ``star`` and ``time``; without a second encoder nothing is corrected.
     budget : Budget
 
     Returns
     -------
     Following
-        Axes of which the counts of the incremental encoder drift, by the stars; nothing where the
-        stars cannot determine which encoder it is, or say that it is the other.
+        Axes on which, according to the stars, the incremental counts drift. Not those where the
+        stars cannot determine which encoder drifts, or where it is the absolute one.
     """
     if any(name not in rows for name in ('az_abs', 'el_abs', 'run', 'star', 'time')):
         return Following()
@@ -57,10 +56,10 @@ def zero_following(rows, budget=USUAL):
 
 
 def _references(night, axis, drift):
-    """Of each power-on, and when that of the absolute encoder began.
+    """Reference difference of the encoders in each power-on, and start of the absolute encoder.
 
-    At Polaris where it was seen: there its zero was measured. The absolute encoder's own power-on
-    may change what it reads: the newest with Polaris counts.
+    Taken at the exposures for a zero if there are any, where the zero was measured. A power-on of
+    the absolute encoder may change its readings: the newest with such exposures is used.
     """
     smooth = night.difference[axis] - harmonic_columns(
         night.rows[f'{SHORT[axis]}_enc']) @ drift.discs

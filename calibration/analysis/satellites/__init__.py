@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Satellites as the standard: terms, clock and orbits from tracks, and which orbit is wrong."""
+"""Calibration on satellites: terms, clock and orbits from tracks, and detection of wrong orbits."""

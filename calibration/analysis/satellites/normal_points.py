@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Means of rows that belong together: a run that is diagnosed as one of stars is."""
+"""Normal points: rows of tracks averaged to a run that can be diagnosed like one of stars."""
 
 import numpy as np
 
@@ -20,25 +20,25 @@ from pointing_model.mounts import is_beyond
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import STARS
 
-#: s of a track in one point, and points that are enough
+#: length of a track in one point, s; largest number of points
 SECONDS, _MOST = 120.0, 400
 
 
 def normal_points(fit, seconds=SECONDS):
-    """What a fit of tracks leaves to the mount, as a pointing run.
+    """Pointing run with the errors of the mount alone, from a fit of tracks.
 
-    Clock and orbits are taken off; rows of a track within so many seconds are one.
+    Errors of clock and orbits are subtracted; rows of a track are averaged over some seconds.
 
     Parameters
     ----------
     fit : TrackFit
     seconds : float
-        More where there would be too many points.
+        Averaging time, increased if there would be too many points.
 
     Returns
     -------
     PointingRun
-        ``run`` numbers the nights; star names are those of the satellites.
+        Star names are those of the satellites.
     """
     tracks = fit.tracks
     run, time = tracks.run, np.asarray(tracks.run['time'], float)
@@ -46,14 +46,14 @@ def normal_points(fit, seconds=SECONDS):
     used = fit.weights > 0.0
     seconds = max(seconds, float(np.count_nonzero(~tracks.is_star) and _length(tracks) / _MOST))
     cell = np.where(tracks.is_star, np.arange(len(time)), np.floor(time / seconds))
-    # of one side of the pier
+    # separate sides of the pier
     _, which = np.unique(np.stack((tracks.arc, cell, is_beyond(run['el']))), axis=1,
                          return_inverse=True)
     which = which.reshape(-1)
     weight = np.bincount(which, used)
     good = weight > 0.0
     mean = lambda v: np.bincount(which, v * used)[good] / weight[good]  # noqa: E731
-    # the row nearest to the middle, with the mean of what was left
+    # position of the row nearest to the mean time, with the mean residual
     middle = np.bincount(which, time * used) / np.maximum(weight, 1.0)
     nearest = np.lexsort((np.abs(time - middle[which]), ~used, which))
     first = nearest[np.searchsorted(which[nearest], np.arange(len(weight)))][good]
@@ -73,7 +73,7 @@ def normal_points(fit, seconds=SECONDS):
 
 
 def _length(tracks):
-    """Seconds of all arcs of satellites."""
+    """Total length of all arcs of satellites, s."""
     time = np.asarray(tracks.run['time'], float)
     return sum(float(np.ptp(time[tracks.arc == arc]))
                for arc in np.unique(tracks.arc[~tracks.is_star]))

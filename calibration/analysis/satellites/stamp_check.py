@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tracks that are not where the orbits say: another time scale, site, satellite or column."""
+"""Tracks far from the predicted orbits: wrong time scale, site, satellite or column."""
 
 import numpy as np
 
@@ -23,40 +23,40 @@ from pointing_model.sky.orbits.time_scales import leap_seconds
 from ..finding import Finding
 from .track_columns import power_ons
 
-#: rad of radial RMS below which stamps are right, and part of it that other stamps leave
+#: radial RMS below which stamps are right, rad; largest ratio of the RMS with corrected stamps
 _RIGHT, _BETTER = 30.0 * ARCSEC, 0.3
-#: rad of radial RMS, and of the zero of an elevation, beyond which it is no track of that satellite
+#: radial RMS, and elevation zero, rad, beyond which it is no track of that satellite
 _ELSEWHERE, _NO_ZERO = 1.0 * DEG, 10.0 * DEG
-#: s along its orbit that a satellite whose time is not known may be off
+#: largest error along the orbit of a satellite with unknown time, s
 _MOST_BIAS = 10.0
-#: rows that are looked at; standard errors of the time along an orbit that are no wrong stamp
+#: largest number of rows used; standard errors of the time along an orbit that are no wrong stamp
 _MOST, _SIGMAS = 300, 3.0
-#: of reweighting
+#: iterations of reweighting
 _ROUNDS = 30
 
 
 def wrong_track(measured, bias_free=()):
-    """Whether stamps fit far better as another scale's, or with an hour or seconds more; or rows
-    are far from where the orbits say whatever the stamps.
+    """Whether stamps fit far better in another time scale, or shifted by an hour or some seconds,
+    or whether rows are far from the orbits with any stamps.
 
     Parameters
     ----------
     measured : object
         With ``tracks(shift, rows)`` -> `SatelliteTracks`, ``names`` and ``columns['time']``.
     bias_free : collection of str
-        Satellites whose time along the orbit is not known: they tell no seconds.
+        Satellites with unknown time along the orbit: they cannot show errors of seconds.
 
     Returns
     -------
     Finding or None
-        Its size is by how many seconds stamps are later than UTC, or how far rows are off, deg.
+        Its size is the delay of the stamps relative to UTC, s, or the distance of the rows, deg.
     """
     rows = even_sample(np.flatnonzero(measured.names != ''), _MOST)
     tracks = measured.tracks(0.0, rows)
     now = _left(tracks)
     if now < _RIGHT:
         return None
-    # seconds that the orbits of most rows may be off by themselves
+    # expected time error of the orbits, s
     own = np.where(np.isin(tracks.run['star'], list(bias_free)), _MOST_BIAS,
                    tracks.orbit_sigma / tracks.speed)
     least = _SIGMAS * float(np.median(own))
@@ -79,7 +79,7 @@ def wrong_track(measured, bias_free=()):
 
 
 def _left(tracks):
-    """Radial RMS that zeros and collimation leave of the median sort, rad."""
+    """Robust radial RMS (root of the median square) after fitting zeros and collimation, rad."""
     middle = abs(float(np.median(tracks.run.offsets()[1])))
     if tracks.run.mount.vertical and middle > _NO_ZERO:
         return middle
@@ -87,7 +87,7 @@ def _left(tracks):
 
 
 def robustly_off(tracks):
-    """What zeros and collimation leave, shape (2, n), rad: rows elsewhere move the others little.
+    """Residuals of a least absolute deviations fit of zeros and collimation, shape (2, n), rad.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def robustly_off(tracks):
     columns = np.concatenate([columns, *(zeros * np.tile(run['run'] == one, 2)
                                          for one in power_ons(run)[:-1])])
     both = np.ones(2 * n)
-    for _ in range(_ROUNDS):  # least distances
+    for _ in range(_ROUNDS):  # least sum of distances
         p = np.linalg.lstsq((columns * both).T, b * both, rcond=1e-8)[0]
         off = (b - p @ columns).reshape(2, n)
         root = np.maximum(np.hypot(*off), ARCSEC) ** -0.5

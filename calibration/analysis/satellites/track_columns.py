@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What tracks of satellites and stars are fitted with: terms, clock, errors of each orbit."""
+"""Design columns for tracks of satellites and stars: terms, clock, errors of each orbit."""
 
 from dataclasses import dataclass, field
 
@@ -21,18 +21,18 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.pointing_terms import stacked_design
 
-#: name of the coefficient of the station's clock, seconds that its stamps are late
+#: name of the coefficient of the station's clock: delay of its stamps, s
 CLOCK = 'clock'
-#: a height with the standard atmosphere there
+#: height together with the standard atmosphere at that height
 HEIGHT_AND_AIR = 'height and air'
-#: m: an orbit is not known better, whatever a file says (of a fitted orbit of centimetres)
+#: smallest sigma of an orbit, m, whatever a file says
 _LEAST = 0.01
-#: s between the knots of an orbit that drifts along its track, and how long that remembers
+#: orbit drifting along its track: distance of the knots, and correlation time, s
 _KNOTS, _DRIFT_MEMORY = 900.0, 7200.0
-#: what all rows share and may be wrong -> its size, 1 sigma (m, rad, part of that of ordinary air)
+#: error common to all rows -> its 1 sigma (m, rad, share of the refraction of ordinary air, s)
 COMMON_SIZES = {'height': 3000.0, HEIGHT_AND_AIR: 3000.0, 'latitude': 0.1 * DEG,
                 'longitude': 0.1 * DEG, 'refraction': 0.3, 'clock': 10.0}
-#: part of the air of a standard atmosphere that a metre of height takes away
+#: relative decrease of the standard atmosphere's refraction per metre of height
 _AIR_OF_A_METRE = 1.18e-4
 
 
@@ -43,18 +43,18 @@ class TrackColumns:
     Attributes
     ----------
     names : tuple of str, length k
-        Terms, ``IA[1]`` (how far the zero of power-on 1 is from that of the newest), `CLOCK`,
-        ``ahead L52`` (a satellite's seconds on its orbit), and of each arc ``along``, ``across``,
-        ``out`` with its number (m); ``common height`` and others of `COMMON_SIZES`.
+        Terms, ``IA[1]`` (zero of power-on 1 relative to the newest), `CLOCK`, ``ahead L52`` (time
+        error of a satellite along its orbit, s), and for each arc ``along``, ``across``, ``out``
+        with its number (m); ``common height`` and others of `COMMON_SIZES`.
     columns : ndarray, shape (k, 2n)
-        On the sky, rad a unit.
+        On the sky, rad per unit.
     variance : ndarray, shape (k,)
-        Of what is known of them beforehand; infinite: nothing.
+        Prior variance; infinite: no prior.
     terms : int
-        How many of them are terms.
+        Number of terms among them.
     drifts : dict of str to (slice, ndarray)
-        Of satellites: coefficients of an orbit that drifts along the track (s at each knot), and
-        their covariance if it is off by one radian RMS.
+        For satellites: coefficients of an orbit drifting along the track (s at each knot), and
+        their covariance for an RMS error of one radian.
     """
 
     names: tuple
@@ -64,38 +64,38 @@ class TrackColumns:
     drifts: dict = field(default_factory=dict)
 
     def precision(self, size=20.0 * ARCSEC):
-        """Inverse covariance, shape (k, k), of orbits that drift by so much, rad."""
+        """Prior precision, shape (k, k), with orbits that drift by `size` RMS, rad."""
         out = np.diag(np.where(np.isinf(self.variance), 0.0, 1.0 / self.variance))
         for part, covariance in self.drifts.values():
             out[part, part] = np.linalg.inv(covariance) / size**2
         return out
 
     def orbits(self, values):
-        """What clock and orbits move the rows by with such coefficients, shape (2, n)."""
+        """Offsets of the rows due to clock and orbits for some coefficients, shape (2, n)."""
         values = values.copy()
         values[:self.terms] = 0.0
         return (values @ self.columns).reshape(2, -1)
 
     def place(self, name):
-        """Number of a coefficient."""
+        """Index of a coefficient."""
         return self.names.index(name)
 
 
 def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=(), common=()):
-    """Columns of tracks.
+    """Design columns of tracks.
 
     Parameters
     ----------
     tracks : SatelliteTracks
     terms : sequence of str
     clock_sigma : float
-        What is known of the station's clock, s; infinite: nothing, 0: it is right.
+        Prior sigma of the station's clock, s; infinite: unknown, 0: exact.
     bias_free : collection of str
-        Satellites of which the time along the orbit is not known, whatever the sigma of the orbit.
+        Satellites with unknown time along the orbit, whatever the sigma of the orbit.
     drifts : collection of str
-        Satellites whose orbit may be off along the track, by more than its sigma.
+        Satellites whose orbit may drift along the track by more than its sigma.
     common : collection of str
-        Of `COMMON_SIZES`: what may be wrong for all rows.
+        Possible errors common to all rows, of `COMMON_SIZES`.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=(), co
     for number in power_ons(run)[:-1]:
         for name, move in zip(zeros, moves):
             add(f'{name}[{number:g}]', move, np.flatnonzero(run['run'] == number), np.inf)
-    # a stamp that is late by c belongs to the place c before: what the encoders read is behind
+    # with a stamp late by c the encoders were read c before: they lag behind the orbit
     if clock_sigma > 0.0 and tracks.satellites:
         add(CLOCK, -tracks.clock, np.arange(n), clock_sigma)
     for i, name in enumerate(tracks.objects):
@@ -157,7 +157,7 @@ def _common_move(tracks, name):
 
 
 def power_ons(run):
-    """Numbers of the power-ons of a run, the newest last; empty where it has none."""
+    """Numbers of the power-ons of a run, newest last; empty if it has none."""
     if 'run' not in run:
         return []
     numbers = np.unique(run['run'])
@@ -166,9 +166,10 @@ def power_ons(run):
 
 
 def _knots(tracks, number):
-    """Columns of a satellite that is off along its track, linear between knots, and a covariance.
+    """Columns of a satellite's error along its track, linear between knots, and their covariance.
 
-    Half of the variance is the same at all times, the other half remembers for `_DRIFT_MEMORY`.
+    Half of the variance is constant in time, the other half has the correlation time
+    `_DRIFT_MEMORY`.
     """
     time, columns, moments = np.asarray(tracks.run['time'], float), [], []
     mine = tracks.object == number

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Passes that no other agrees with, and satellites whose orbit is wrong, left out by name.
+"""Rejection of passes that disagree with all others, and of satellites with a wrong orbit.
 
-A pass that is off by far more than the rows scatter has a wrong stamp, satellite or power-on: of
-all passes the one is left out without which the others agree best, until they do. Each satellite
-in turn may be off along its track, constantly or as it goes, by any size: how likely the rows are
-then, whatever mount, clock and orbits are, is compared with that of no orbit being wrong, and of
-something that all share: site, refraction, a clock that is said to be known. Each of the three has
-a third of the prior. What all share is fitted where it explains the rows better. An orbit that
-takes nearly all of the chance is left out, and the others are looked at again; where several share
-it, they are named as such, and the fit is the mean over them.
-The age of elements, and the error to be expected of them, is reported too.
+A pass that is off by far more than the scatter of its rows has a wrong stamp, satellite or
+power-on. The pass without which the others agree best is rejected, until they agree. Then three
+hypotheses are compared by their marginal likelihood over mount, clock and orbits: no orbit is
+wrong; one satellite is off along its track, by a constant or drifting amount of any size; or
+something common to all is wrong (site, refraction, a clock assumed to be known). A common error is
+fitted if it explains the rows better. An orbit with nearly all of the posterior probability is
+rejected, and the others are tested again. If several share it, they are reported as suspects, and
+the fit allows for a drift of each.
+The age of elements and their expected error are reported, too.
 """
 
 from collections import Counter
@@ -39,38 +39,38 @@ from .stamp_check import robustly_off
 from .track_columns import COMMON_SIZES, HEIGHT_AND_AIR
 from .track_fit import fit_tracks
 
-#: chance from which on an orbit is wrong, and one that is worth a name beside others
+#: posterior probability from which an orbit is wrong, and from which it is a named suspect
 SURE, POSSIBLE = 0.98, 0.02
-#: RMS along the track that a wrong orbit may have
+#: RMS errors along the track of a wrong orbit
 _SIZES = tuple(size * ARCSEC for size in (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0))
-#: satellites that must be left, and passes
+#: fewest satellites, and passes, that must be left
 _LEAST, _PASSES = 2, 2
-#: sizes that what all share may have, over `COMMON_SIZES`
+#: sizes of common errors, relative to `COMMON_SIZES`
 _COMMON_PARTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
-#: sigmas of the white noise of its rows that a pass is off, RMS: nothing that remembers adds as
-#: much; and how far it is off while wrong orbits are not known yet, rad: they are off by less
+#: RMS deviation of a rejected pass, in sigmas of the white noise of its rows (correlated noise adds
+#: less); the same before wrong orbits are known, rad: these are off by less
 _FAR, _GROSS = 6.0, 500.0 * ARCSEC
-#: part of its rows without which a pass tells nothing
+#: share of outliers from which a pass is rejected
 _MOST_LOST = 0.5
-#: times what zeros leave of the median row from where on rows are elsewhere, and part of a pass
+#: rows are elsewhere if off by more than this times the median row; smallest share of a pass
 _TIMES, _PART = 10.0, 0.25
 
 
 def elements_age(orbit, time):
-    """A Finding: how old elements are at some times, shape (n,), and by how much they may err."""
+    """A Finding on the age of elements at some times, shape (n,), and their expected error."""
     return Finding('old elements', (time.mean() - orbit.epoch) / 86400.0, unit='days',
                    causes=(orbit.name,),
                    evidence={'error_km': float(np.max(orbit.sigma(time))) / 1e3})
 
 
 def fault_chances(tracks, **options):
-    """How likely it is that the orbit of each satellite is wrong.
+    """Posterior probability that the orbit of each satellite is wrong.
 
     Parameters
     ----------
     tracks : SatelliteTracks
     **options
-        As of `track_fit.fit_tracks`.
+        See `track_fit.fit_tracks`.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def fault_chances(tracks, **options):
     """
     names, freed = tracks.satellites, tuple(options.pop('common', ()))
     shared = () if freed else _may_be_wrong(tracks, options)
-    # the noise is that of tracks of which each may be wrong: a fault is none of it
+    # estimate the noise with all faults allowed, so that a fault does not enlarge it
     full = fit_tracks(tracks, drifts=names, common=freed + shared, **options)
     columns, noise = full.columns, full.noises[0][0]
     left, mean = _before_orbits(full)
@@ -93,7 +93,7 @@ def fault_chances(tracks, **options):
     logs = {'': _evidence(gram, noise.count, prior, mean, plain, None, 0.0) + np.log(0.5)}
 
     def log_of(part, covariance, sizes):
-        """Of a part of the coefficients with a covariance for size 1."""
+        """Log evidence with a part of the coefficients, with given covariance for size 1."""
         kept = plain.copy()
         kept[part] = True
         inverse, log_det = np.linalg.inv(covariance), np.linalg.slogdet(covariance)[1]
@@ -112,13 +112,13 @@ def fault_chances(tracks, **options):
 
 
 def _may_be_wrong(tracks, options):
-    """What all rows share of these tracks, of `COMMON_SIZES`."""
+    """Common errors of `COMMON_SIZES` that are possible for these tracks."""
     clock = ('clock',) if np.isfinite(options.get('clock_sigma', np.inf)) else ()
     return (*tracks.common, *((HEIGHT_AND_AIR,) if tracks.common else ()), *clock)
 
 
 def _before_orbits(fit):
-    """What the terms of a fit leave, shape (2n,), and what was known of all that is added to it."""
+    """Residuals with the terms only, shape (2n,), and the prior mean relative to the fit."""
     mean = fit.prior_mean - fit.values
     mean[fit.columns.terms:] = 0.0
     return (fit.after + fit.columns.orbits(fit.values)).ravel(), mean
@@ -136,22 +136,22 @@ def _evidence(gram, count, prior, mean, kept, drift, log_prior):
 
 
 def stray_passes(tracks, least=0.0, **options):
-    """Passes that are far from where all others say, or of which most rows are outliers.
+    """Passes far from the prediction of all others, or with mostly outliers.
 
     Parameters
     ----------
     tracks : SatelliteTracks
     least : float
-        rad on the sky; where most passes of a satellite are off by less its orbit may be wrong, and
-        they are none.
+        rad on the sky. If most passes of a satellite are off, but by less than this, they are not
+        rejected: its orbit may be wrong.
     **options
-        As of `track_fit.fit_tracks`.
+        See `track_fit.fit_tracks`.
 
     Returns
     -------
     list of Finding
-        Of each pass, how far it is off, rad (NaN where outliers are all there is to it); in
-        `evidence` ``arc``, ``begin`` (s) and ``rows``.
+        For each pass its deviation, rad (NaN if rejected for its outliers); in `evidence` ``arc``,
+        ``begin`` (s) and ``rows``.
     """
     out, passes = [], np.unique(tracks.arc[~tracks.is_star])
     fit, known = fit_tracks(tracks, **options), options.get('held') is not None
@@ -190,9 +190,10 @@ def stray_passes(tracks, least=0.0, **options):
 
 
 def _elsewhere(tracks, bias_free=(), **_):
-    """The tracks without passes elsewhere, such as under another satellite's name, and these.
+    """Reject passes at a different position, such as under another satellite's name.
 
-    Where a part of a pass is, that part; single rows are left to the fit.
+    Also rejects parts of a pass; single rows are left to the fit. Returns the other tracks, and
+    Findings on the rejected passes.
     """
     off = np.hypot(*robustly_off(tracks))
     own = tracks.orbit_sigma / np.maximum(tracks.speed, 1.0) * np.hypot(*tracks.ahead)
@@ -219,7 +220,7 @@ def _pass_finding(tracks, arc, off, rows=None):
 
 
 def _without_passes(tracks, least, **options):
-    """The tracks without `stray_passes`, and these."""
+    """The tracks without `stray_passes`, and Findings on these."""
     found = stray_passes(tracks, least, **options)
     if not found:
         return tracks, found
@@ -228,18 +229,18 @@ def _without_passes(tracks, least, **options):
 
 
 def fit_without_faults(tracks, **options):
-    """Fit tracks, without passes that no other agrees with and satellites whose orbit is wrong.
+    """Fit tracks without passes that disagree with all others and satellites with a wrong orbit.
 
     Parameters
     ----------
     tracks : SatelliteTracks
     **options
-        As of `track_fit.fit_tracks`.
+        See `track_fit.fit_tracks`.
 
     Returns
     -------
     TrackFit
-        ``left_out``, ``suspects`` and ``notes`` say which orbits are wrong, or may be.
+        ``left_out``, ``suspects`` and ``notes`` report which orbits are wrong, or may be.
     """
     out, suspects = [], {}
     tracks, notes = _elsewhere(tracks, **options)
@@ -254,7 +255,7 @@ def fit_without_faults(tracks, **options):
         shared = {name.removeprefix('common '): chance for name, chance in chances.items()
                   if name.startswith('common ') and chance > POSSIBLE}
         if chances[''] < 1.0 - SURE and sum(shared.values()) > chances[worst]:
-            # each alone: together they may not be separated
+            # fit each alone: together they may be degenerate
             found = {name: fit_tracks(kept, common=(name,), **options)[f'common {name}']
                      for name in shared}
             notes.insert(0, Finding('common to all', sum(shared.values()), unit='',
@@ -279,7 +280,7 @@ def fit_without_faults(tracks, **options):
 
 
 def _without(tracks, names):
-    """The tracks without some satellites; the others keep their numbers."""
+    """The tracks without some satellites."""
     if not names:
         return tracks
     bad = [tracks.objects.index(name) for name in names]
@@ -288,6 +289,6 @@ def _without(tracks, names):
 
 
 def _renumbered(tracks):
-    """With the objects that have rows alone."""
+    """The tracks with only the objects that have rows."""
     there, number = np.unique(tracks.object, return_inverse=True)
     return replace(tracks, objects=tuple(tracks.objects[i] for i in there), object=number)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The fit of tracks: exact rotations, noise that remembers, what is known of the orbits."""
+"""The fit of tracks: exact rotations, correlated noise, priors on the orbits."""
 
 from dataclasses import dataclass, field, replace
 
@@ -28,15 +28,15 @@ from ...estimation.prior_fit import MixedFit, PriorFit, gram_of
 from ..sky_model import origin_of_errors, with_errors
 from .track_columns import TrackColumns, track_columns
 
-#: steps of the exact rotations; each leaves about the square of the terms
+#: iterations of the exact rotations; each leaves about the square of the terms
 _STEPS = 3
-#: parts of its information that others leave a coefficient: from the first on it is separated from
-#: them, from the second on where it is more than `SIGNIFICANT` sigmas
+#: a coefficient is separated if correlation with the others leaves at least this share of its
+#: information; from the second share on only if it is above `SIGNIFICANT` sigmas
 _SEPARATED, _HIDDEN, SIGNIFICANT = 0.5, 0.1, 2.0
-#: what a model of a dozen stars is off all over the sky, over the noise of one: worse, and tracks
-#: do not determine it
+#: error over the sky of a model from a dozen stars, relative to the noise of one: tracks with a
+#: larger one do not determine the terms
 _DOZEN = 0.54
-#: elevations between which the error of a model is a mean over the sky, rad
+#: range of elevations for the mean error over the sky, rad
 _LOW, _HIGH = 0.35, 1.4
 
 
@@ -51,21 +51,21 @@ class TrackFit:
     model : PointingModel
         With the terms and their covariance.
     values : ndarray, shape (k,)
-        Of all coefficients; the terms are whole, not what was added.
+        Values of all coefficients (not corrections of the last step).
     fit : MixedFit
-        Of the last step.
+        Fit of the last step.
     noises : list of (GroupNoise, float)
-        That the rows may have, and how likely.
+        Possible noise models and their probabilities.
     precision : ndarray, shape (k, k)
     prior_mean : ndarray, shape (k,)
-        What was known of the coefficients beforehand: inverse covariance, and mean.
+        Prior inverse covariance and mean of the coefficients.
     weights : ndarray, shape (n,)
     before, after : ndarray, shape (2, n)
-        Encoder - orbit on the sky, raw, and without all that was fitted, radians.
+        Encoder - orbit on the sky, raw and after the fit, radians.
     left_out : tuple of str
-        Satellites whose orbit was found wrong.
+        Satellites rejected for a wrong orbit.
     suspects : dict of str to float
-        Of all objects that may be wrong, the chances.
+        Probabilities of satellites whose orbit may be wrong.
     notes : list
         `Finding`.
     """
@@ -91,24 +91,24 @@ class TrackFit:
         return float(self.values[at]), float(self.fit.sigma[at])
 
     def separated(self, name):
-        """Whether a coefficient is separated from the others: they do not take its place."""
+        """Whether a coefficient is separated from the others, which cannot absorb it."""
         value, sigma = self[name]
         left = self.own_part(name)
         return bool(left > _SEPARATED or left > _HIDDEN and abs(value) > SIGNIFICANT * sigma)
 
     def own_part(self, name):
-        """Part of the information on a coefficient that the others leave it, 0 to 1."""
+        """Share of the information on a coefficient that is independent of the others, 0 to 1."""
         if not self.fit.determined:
             return 0.0
         at = self.columns.place(name)
         return float((self.fit.alone[at] / self.fit.sigma[at]) ** 2)
 
     def hidden(self, name):
-        """Whether others take the place of a coefficient nearly whole."""
+        """Whether others absorb a coefficient nearly completely."""
         return self.own_part(name) < _HIDDEN
 
     def sky_sigma(self):
-        """What the covariance of the terms makes of places all over the sky, radial RMS, rad."""
+        """Mean radial error over the sky from the covariance of the terms, RMS, rad."""
         mount = self.tracks.run.mount
         az, sine = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False),
                                np.linspace(np.sin(_LOW), np.sin(_HIGH), 8))
@@ -119,20 +119,20 @@ class TrackFit:
 
     @property
     def determines(self):
-        """Whether the tracks determine the terms, all over the sky as well as a dozen stars."""
+        """Whether the tracks determine the terms over the sky as well as a dozen stars would."""
         white, process, _ = self.noise_of_rows()
         one = np.sqrt(2.0) * float(np.hypot(white, process).max())
         return self.fit.determined and self.sky_sigma() < _DOZEN * one
 
     def noise_of_rows(self):
-        """The likeliest noise: white (of each object), the process, both rad, and its memory, s.
+        """The most likely noise: white and correlated part of each object, and correlation time.
 
         Returns
         -------
         white, process : ndarray, shape (objects,)
-            Of an axis, the mean of both.
+            1 sigma per axis, mean of both axes, rad.
         memory : float
-            0 where nothing remembers.
+            Correlation time, s; 0 if the noise is white.
         """
         noise, n = self.noises[0][0], len(self.tracks)
         white = np.array([np.sqrt(np.mean(white_sigmas(noise.root.reshape(2, n)[
@@ -146,7 +146,7 @@ class TrackFit:
 
 
 def with_origin(tracks):
-    """Tracks of a German mount with errors of its parts or on the sky, as their stars show.
+    """Set whether errors of a German mount are of the mount or on the sky, from the stars.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def with_origin(tracks):
     -------
     tracks : SatelliteTracks
     origin : sky_model.Origin or None
-        None where the stars do not decide: the tracks are as they were.
+        None if the stars do not decide; then the tracks are unchanged.
     """
     stars = np.array([name == STARS for name in tracks.objects])[tracks.object]
     origin = origin_of_errors(tracks.run.select(stars)) if stars.any() else None
@@ -175,15 +175,15 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
     terms : sequence of str, optional
         By default the physical ones of the mount.
     held : PointingModel, optional
-        What is known of the terms, with its covariance; `free` of them are as if not known.
+        Prior on the terms, with its covariance, except for the terms `free`.
     clock_sigma, bias_free
-        As of `track_columns`.
+        See `track_columns`.
     free : sequence of str, optional
-        By default the zeros of the axes.
+        Terms without a prior; by default the zeros of the axes.
     memory : bool
-        Whether the noise of satellites may remember.
+        Whether the noise of satellites may be correlated.
     drifts, common : collection of str
-        As of `track_columns`.
+        See `track_columns`.
 
     Returns
     -------
@@ -212,7 +212,7 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
     for step in range(_STEPS):
         model = _model(columns, values, None, held, mount)
         left = (np.array(model.residuals(run)) - columns.orbits(values)).ravel()
-        if step < 2:  # the noise, once more where the mount is about right
+        if step < 2:  # estimate the noise, and again when the terms are about right
             root, weights = group_roots(columns.columns, left, tracks.object, time, tracks.arc,
                                         cos_el, remembers)
             noises = likely_noises(columns.columns, left, precision, root, rows,
@@ -229,7 +229,7 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
 
 
 def _known(columns, held, free):
-    """Precision and mean of the coefficients before the tracks."""
+    """Prior precision and mean of the coefficients."""
     precision, mean = columns.precision(), np.zeros(len(columns.names))
     if held is None:
         return precision, mean

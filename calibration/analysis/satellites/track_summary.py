@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a fit of tracks says, as a document: terms, clock, each satellite and each arc."""
+"""Result of a fit of tracks as a document: terms, clock, each satellite and each arc."""
 
 import numpy as np
 
@@ -22,18 +22,20 @@ from pointing_model.rms import rms_arcsec
 from ..finding import Finding
 from .track_columns import CLOCK, power_ons
 
-#: s: of a satellite's time along its orbit, from which on it is a finding
+#: smallest reported time of a satellite along its orbit, s
 _LATE = 1e-4
-#: times the white noise of the rows, from where what is left is none that remembers
+#: ratio of residual RMS to the white noise of the rows that correlated noise cannot explain
 _DISAGREE = 5.0
-#: rows that tell of stamps and signs; slope of what is left on a miss distance about 2, in sigmas
+#: fewest rows to test stamps and signs; tolerance of the slope 2 of residuals on a miss distance;
+#: smallest significance of the slope, sigmas
 _FEWEST, _NEAR_TWO, _CERTAIN = 10, 0.3, 8.0
-#: times more scatter along the track than across, s, that rounding to seconds makes (0.29 s)
+#: stamps rounded to seconds: smallest ratio of scatter along the track to that across; range of the
+#: scatter along the track, s (0.29 s expected)
 _ROUNDED, _LEAST_ROUND, _MOST_ROUND = 2.0, 0.2, 0.4
 
 
 def track_document(fit):
-    """The document, JSON-ready but for its findings.
+    """The document, JSON-ready except for its findings.
 
     Parameters
     ----------
@@ -65,13 +67,13 @@ def track_document(fit):
         out['clock'] = {'late_s': value, 'sigma_s': sigma, 'separated': fit.separated(CLOCK)}
     whole = _whole_stamps(fit)
     if whole:
-        out.pop('clock', None)  # it is off by what was rounded
+        out.pop('clock', None)  # rounding makes it wrong
     out['notes'] = [*fit.notes, *whole, *_reversed_miss(fit), *_findings(fit, out)]
     return out
 
 
 def _whole_stamps(fit):
-    """Whether stamps are rounded to seconds: rows scatter along the track as that makes them."""
+    """Finding if stamps are rounded to seconds: the scatter along the track matches rounding."""
     tracks = fit.tracks
     rows = ~tracks.is_star & (fit.weights > 0.0)
     time = np.asarray(tracks.run['time'], float)[rows]
@@ -85,7 +87,7 @@ def _whole_stamps(fit):
 
 
 def _reversed_miss(fit):
-    """Whether columns of the camera have the other sign: twice of them is left."""
+    """Finding if columns of the camera have the wrong sign: the residuals are twice the columns."""
     run = fit.tracks.run
     names = [name for name in ('miss_x', 'miss_y') if name in run]
     left, wrong = fit.after.copy(), []
@@ -159,7 +161,7 @@ def _satellite(fit, name):
 
 
 def _arc(fit, arc):
-    """Mean and scatter of one arc, before and after, by axes and along and across the track."""
+    """Mean and scatter of one arc, before and after, by axes, and along and across the track."""
     tracks = fit.tracks
     rows = np.flatnonzero((tracks.arc == arc) & (fit.weights > 0.0))
     everywhere = np.flatnonzero(tracks.arc == arc)
