@@ -21,7 +21,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 
 from .context import Context
-from .runs.run import COLUMNS
+from .runs.run import COLUMNS, column_name
 from .zero import NO_ZERO, carried_zeros
 
 #: name in a file -> (name in memory, its unit in SI)
@@ -71,6 +71,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
     if isinstance(model, str | Path):
         from .runs.model_reader import read_model
         model = read_model(model).model
+    _refuse_misspelled(model, drivers)
     az, el = np.broadcast_arrays(*(np.asarray(v, float) * DEG for v in (az_deg, el_deg)))
     columns = {}
     for name, value in drivers.items():
@@ -82,6 +83,17 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
     zeros = zeros_of_rows(model, zero, columns.get('run'))[0]
     out = turned(model, context, zeros, reverse)
     return tuple(v.reshape(az.shape) / DEG for v in out)
+
+
+def _refuse_misspelled(model, drivers):
+    """Refuse a driver that nobody knows, where one that an effect follows is missing."""
+    followed = {name for one in model.effects for name in one.effect.requires}
+    known = {**_DRIVERS, **{name: (name, 1.0) for name in {*COLUMNS, *followed}}}
+    missing = followed - {known[name][0] for name in drivers if name in known}
+    unknown = sorted(set(drivers) - set(known))
+    if unknown and missing:
+        raise ValueError(f'no effect follows {", ".join(unknown)}; not given is '
+                         + ', '.join(sorted(column_name(name) for name in missing)))
 
 
 def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=None, height_m=0.0,

@@ -386,6 +386,8 @@ def diagnose(runs, base='physical', *, alpha=ALPHA, holdout=(), encoder='enc', s
         rows that are all in the runs.
     """
     runs, notes = without_copies(_several(runs))
+    if not runs:
+        raise ValueError('no run is given')
     held, copies = without_copies(_several(holdout), runs)
     if notes or copies:
         runs[0] = runs[0].select(slice(None))
@@ -429,9 +431,10 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=N
 
 def _rows(run):
     """PointingRun from any accepted argument."""
-    if isinstance(run, str | Path):
-        return load_run(run)
-    return run.rows if isinstance(run, Run) else run
+    rows = load_run(run) if isinstance(run, str | Path) else getattr(run, 'rows', run)
+    if not isinstance(rows, PointingRun):
+        raise ValueError(f'{type(run).__name__} is no run: give what read_run returns, or a path')
+    return rows
 
 
 def _several(runs):

@@ -20,6 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from msg_tools.iso_time import iso_seconds
 from msg_tools.units import DEG, wrap
 
 from ..mounts import sides
@@ -42,8 +43,9 @@ def excluded_rows(run, text):
     run : PointingRun
     text : str
         Row numbers as messages and pages count them (``30``), ranges (``45-48``), conditions on
-        a column in the units of a file (``el<20``, ``magnitude>=9``, ``star=HIP 5447``; of an
-        equatorial mount ``ha<0``, ``dec>60``, too); commas between them.
+        a column in the units of a file (``el<20``, ``magnitude>=9``, ``star=HIP 5447``,
+        ``time>2026-01-15T21:00``; of an equatorial mount ``ha<0``, ``dec>60``, too); commas
+        between them.
 
     Returns
     -------
@@ -92,7 +94,7 @@ def without_excluded(run, texts):
 def _where(run, name, sign, value):
     values, unit = _column(run, name)
     try:
-        wanted = float(value) * unit
+        wanted = iso_seconds(value) if name == 'time' and '-' in value[1:] else float(value) * unit
     except ValueError:
         if sign not in ('=', '!='):
             raise ValueError(f'--exclude {name}{sign}{value}: {value} is no number') from None

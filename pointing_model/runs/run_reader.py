@@ -31,6 +31,7 @@ from .columns.approach import derive_approach
 from .columns.cell_values import is_number
 from .columns.run_table import content, read_lines
 from .copies import flag_solved_twice
+from .formats import csv
 from .formats.images import read_images
 
 _MODULES = [import_module(f'{formats.__name__}.{module.name}')
@@ -38,6 +39,7 @@ _MODULES = [import_module(f'{formats.__name__}.{module.name}')
 #: what modules of this package declare, in the order in which they are tried
 FORMATS = sorted((module.FORMAT for module in _MODULES if hasattr(module, 'FORMAT')),
                  key=lambda one: one.rank)
+_TITLES = 10  # rows above the names of the columns, at most
 #: what may be given of the equinox of catalogue places
 EQUINOXES = {'j2000': ICRS, 'date': OF_DATE}
 
@@ -149,6 +151,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     else:
         axis_places.to_axes(path, table, mount)
     axis_places.read_offsets(table)
+    axis_places.note_no_error(table)
     if meta['azimuth_origin'] == 'S':
         axis_places.from_south(columns)
     row_checks.flag_rows(table, mount)
@@ -201,6 +204,10 @@ def _read_table(path, encoder):
             table.meta['taken'] = one.taken
             return table
     body = content(lines)
+    for number, _ in body[1:_TITLES]:
+        if csv.looks_like(lines[number - 1:]):
+            raise ValueError(f'{path}: row {number} names the columns; put a # before the rows '
+                             'above it')
     for delimiter in (',', ';', '\t', None):
         cells = [cell.strip() for cell in body[0][1].split(delimiter)] if body else []
         if len(cells) > 3 and sum(map(is_number, cells)) >= 4 and (delimiter or len(body) > 1):

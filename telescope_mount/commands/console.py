@@ -16,6 +16,7 @@
 
 import math
 import os
+import select
 import sys
 import time
 from functools import partial
@@ -220,6 +221,20 @@ def _clock(seconds):
     minutes, seconds = divmod(int(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f'{hours}:{minutes:02d}:{seconds:02d}' if hours else f'{minutes}:{seconds:02d}'
+
+
+def check_reader():
+    """End a command whose output nobody reads any more (``| head -1``), and which has no other.
+
+    Raises
+    ------
+    BrokenPipeError
+    """
+    if hasattr(select, 'poll'):
+        poll = select.poll()
+        poll.register(1, 0)  # errors are told all the same
+        if any(event & select.POLLERR for _, event in poll.poll(0)):
+            raise BrokenPipeError
 
 
 def print_all(console, parts):

@@ -20,6 +20,8 @@ from pathlib import Path
 from . import options
 from .console import (
     ProgressLine,
+    check_reader,
+    files_of,
     new_console,
     print_all,
     print_finding,
@@ -119,7 +121,11 @@ def _run(args):
         if origin is not None:
             from calibration.report.fit_wording import origin_sentence
             print_lines(console, 'sides of the pier', [origin_sentence(origin)])
-    with ProgressLine(unit='folds', first='looking for effects', lines=True) as progress:
+    with ProgressLine(unit='folds', first='looking for effects', lines=True) as line:
+        def progress(*step):
+            line(*step)
+            if not files_of(args):
+                check_reader()
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
                          sessions=args.sessions, progress=progress, jobs=args.jobs or cores(),

@@ -66,6 +66,9 @@ def test_drivers_by_the_names_of_files_and_a_graduation_met_with_the_zero():
     warm, cold = (apply(model, AZ, EL, temperature_c=t)[0] for t in (6.0, 4.0))
     np.testing.assert_allclose((warm - cold) * 3600.0, 10.0, atol=1e-6)
     np.testing.assert_array_equal(apply(model, AZ, EL), apply(model, AZ, EL, temperature_c=4.0))
+    apply(model, AZ, EL, temperature_c=4.0, dome=3.0)  # of another model, perhaps
+    with pytest.raises(ValueError, match='follows temperatur_c; not given is temperature_c'):
+        apply(model, AZ, EL, temperatur_c=6.0)
     lines = FittedEffect(effect('subdivision', axis='az', graduation='grating', order=1),
                          np.array([3.0, 1.0]) * ARCSEC)
     model = PointingModel(TERMS, effects=[lines], provenance={'zeros_in_force': ZEROS})

@@ -188,3 +188,8 @@ def test_what_is_wrong_is_one_line(tmp_path):
     assert '\n' not in str(error.value)
     with pytest.raises(ValueError, match='latitude'):
         read_run(MMT, latitude_deg=91.0, longitude_deg=0.0, height_m=0.0)
+    assert read_run(MMT, latitude_deg='31.7').rows.meta['site']['latitude'] == np.radians(31.7)
+    with pytest.raises(ValueError, match='ndarray is no run: give what read_run returns'):
+        fit(np.zeros((4, 5)))
+    with pytest.raises(ValueError, match='no run is given'):
+        diagnose([])

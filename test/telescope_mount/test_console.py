@@ -14,7 +14,10 @@
 
 """What the commands print with."""
 
+import os
 import threading
+
+import pytest
 
 from telescope_mount.commands import console
 
@@ -64,3 +67,18 @@ def test_how_long_a_step_will_take_is_told_by_its_own_counts(monkeypatch, capsys
     progress._leave_line()
     first, second = capsys.readouterr().err.splitlines()
     assert first.endswith('so far') and second.endswith('2:10 so far, about 0:50 left')
+
+
+def test_work_ends_when_nobody_reads_its_output_on():
+    reader, writer = os.pipe()
+    kept = os.dup(1)
+    try:
+        os.dup2(writer, 1)
+        os.close(writer)
+        console.check_reader()
+        os.close(reader)
+        with pytest.raises(BrokenPipeError):
+            console.check_reader()
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)

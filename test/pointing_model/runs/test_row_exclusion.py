@@ -30,13 +30,14 @@ def run():
     return PointingRun({'az': np.zeros(N), 'el': el, 'az_enc': np.zeros(N), 'el_enc': el,
                         'star': np.array([f'HIP {i}' for i in range(N)]),
                         'magnitude': np.arange(N, dtype=float),
+                        'time': 1768500000.0 + 600.0 * np.arange(N),
                         'column_focus': np.arange(N) * 2.0}, {'lines': np.arange(2, N + 2)})
 
 
 @pytest.mark.parametrize('text, rows', [
     ('3', [1]), ('3-5, 9', [1, 2, 3, 7]), ('el<20', [0, 1]), ('el_deg>=74', [8, 9]),
     ('star=HIP 4', [4]), ('magnitude>7,2', [0, 8, 9]), ('focus=6', [3]),
-    ('star!=HIP 0', range(1, N)),
+    ('star!=HIP 0', range(1, N)), ('time<2026-01-15T18:10', [0]), ('time<1768500600', [0]),
 ])
 def test_rows_are_meant_by_number_range_and_condition(run, text, rows):
     assert np.flatnonzero(excluded_rows(run, text)).tolist() == list(rows)

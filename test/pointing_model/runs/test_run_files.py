@@ -345,6 +345,10 @@ def test_offsets_in_place_of_the_encoders(read):
     assert 'near the zenith' in run.meta['excluded'][0]['reason']
     assert 'x_arcsec is not a number' in run.meta['excluded'][1]['reason']
     assert run.meta['raw_reading'] is False and 'x' not in run and 'y' not in run
+    rows = '10,20,{0},{0}\n30,60,{0},{0}\n50,60,{0},{0}\n'
+    for size, said in (0.001, True), (0.0, True), (1.0, False):
+        run = read('az_deg,el_deg,x_arcsec,y_arcsec\n' + rows.format(size))
+        assert any('less than on any mount' in note for note in run.meta['notes']) == said
     south = read('az_deg,el_deg,x_arcsec,y_arcsec\n10,20,3.5,-2\n300,20,3.5,-2\n',
                  azimuth_origin='S')
     assert south.offsets()[0] / ARCSEC == pytest.approx([-3.5] * 2)
