@@ -67,7 +67,7 @@ class StarCamera(MountedDevice):
             self._camera.site.latitude)
 
     def parameters_changed(self, names):
-        """The sky over another site, or through other air."""
+        """The sky through other air."""
         self._build()
 
     def _on_truth(self, message):

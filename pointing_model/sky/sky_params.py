@@ -37,7 +37,8 @@ _MEANING = {
     'wavelength_um': 'effective wavelength of the camera [um]'}
 #: in the order of the fields of `Site` and `Weather`
 SKY_PARAMS = tuple(
-    Param(name, getattr(default, one.field) / one.size, _MEANING[name], one.low, one.high)
+    Param(name, getattr(default, one.field) / one.size, _MEANING[name], one.low, one.high,
+          fixed=table is SITE)  # the air changes in a night
     for default, table in ((DEFAULT_SITE, SITE), (DEFAULT_WEATHER, AIR))
     for name, one in table.items())
 

@@ -14,8 +14,6 @@
 
 """Parameters of the mount guard."""
 
-from dataclasses import replace
-
 from msg_tools.node import Param
 from msg_tools.node_lifecycle import AUTOSTART
 from msg_tools.units import DEG
@@ -40,7 +38,7 @@ def _travel(name, which):
 PARAMS = (
     AUTOSTART, KIND_OF_MOUNT,
     # a mount does not move, and limits in the sky are computed for its site
-    *(replace(param, fixed=True) for param in SKY_PARAMS[:3]),
+    *SKY_PARAMS[:3],
     _travel('first_travel_deg', 'first'),
     _travel('second_travel_deg', 'second'),
     Param('first_rate_deg_s', _FIRST.rate / DEG, 'largest speed of the first axis [deg/s]', 1e-3,

@@ -65,10 +65,6 @@ class GuardLink:
             self._request = None
         self._holds = message.message if state in ('paused', 'inactive') else ''
 
-    def site_changed(self, site):
-        """Recompute what is allowed at a new site."""
-        self.allowed = AllowedSky.from_rows(self._rows, site)
-
     def take_command(self, message):
         """Take a command of the guard to the mount."""
         self._command = Track(*convert.read_trajectory(message))

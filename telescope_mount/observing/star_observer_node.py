@@ -148,9 +148,8 @@ class StarObserver(MountNode):
                              f'max_elevation_deg = {values["max_elevation_deg"]}')
 
     def parameters_changed(self, names):
-        """Use a new site or weather from the next exposure on; the mount itself is unchanged."""
+        """Use new weather from the next exposure on."""
         self._sky = sky_of(self)
-        self.guard.site_changed(self._sky[0])
         self._instruments.health.field = self.value('field_deg') * DEG
         if 'camera_late_s' in names:
             self._sequencer.night.clocks = {}

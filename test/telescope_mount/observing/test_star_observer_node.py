@@ -316,11 +316,12 @@ def test_a_bad_plan_at_runtime_is_refused_with_its_reason(graph):
     assert node.value('plan') == 'stars 2'
 
 
-def test_another_site_at_runtime_is_used(graph):
+def test_a_site_is_that_of_the_start(graph):
     sky = Instruments(graph)
-    night = Night(graph, 'polaris 1', autostart=False)
+    night = Night(graph, 'polaris 1', autostart=False, latitude_deg=50.0)
     graph.connect()
-    assert graph.set_parameter(night.node, latitude_deg=50.0) == (True, '')
+    done, reason = graph.set_parameter(night.node, latitude_deg=36.0)
+    assert not done and 'read-only parameter: latitude_deg' in reason
     graph.call('observe')
     run = night.run()[0]
     assert run['el'][0] / DEG == pytest.approx(50.0, abs=1.0)
@@ -365,7 +366,9 @@ def test_no_plan_begins_while_guard_and_observer_are_at_two_sites(graph):
         **rows_of(Limits()), latitude_deg=36.0, longitude_deg=109.0))
     night.until('waiting', 'one site: the guard takes the mount to be at 36.0000, 109.0000 deg, '
                 'not at 34.3000, 109.0000: give both one site')
-    assert graph.set_parameter(night.node, latitude_deg=36.0) == (True, '')
+    graph.publisher(topics.GUARD_STATUS).publish(convert.status(
+        DiagnosticStatus.OK, '/mount/mount_guard', 'no request', state='idle',
+        **rows_of(Limits()), latitude_deg=34.3, longitude_deg=109.0))
     assert len(night.run()) == 1 and night.node.guard.elsewhere == ''
 
 
