@@ -19,7 +19,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.bolts_and_feet import polar_axis
 
-#: an error below so many standard errors is not worth a turn
+#: an error below this many standard errors is not worth a turn
 _CLEAR = 2.0
 TRUE, REFRACTED = 'true', 'refracted'
 

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a declared model lacks: candidates, their scores, chance, cross-validation, the verdict."""
+"""Diagnosis of a pointing run: candidate effects, significance, cross-validation, the verdict."""

@@ -143,7 +143,7 @@ class Diagnosis:
         """JSON result; keys that do not apply are None."""
         mount = self.observations.run.mount
         return {
-            # south: an equatorial mount in the southern hemisphere
+            # southern hemisphere; does not matter for an alt-azimuth mount
             **mount.entries(), 'south': bool(not mount.vertical and mount.latitude < 0.0),
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,

@@ -120,7 +120,7 @@ def _lost(found, context, fitted):
     lost, time = found.unknown(context), context.get(_CLOCK)
     if _CLOCK in found.effect.requires and time is not None and not _OF_THEN.isdisjoint(
             found.effect.parameters):
-        reach = 0.5 * np.ptp(fitted)  # as `drifts.about`
+        reach = 0.5 * np.ptp(fitted)  # as in `drifts.about`
         lost = lost | (time < fitted.min() - reach) | (time > fitted.max() + reach)
     return lost
 

@@ -63,7 +63,7 @@ def propose(run, choice, alternatives=None):
     Returns
     -------
     proposals : list of dict
-        ``az_deg``, ``el_deg`` (horizontal; for an equatorial mount also its axis angles, such as
+        ``az_deg``, ``el_deg`` (horizontal; unless alt-azimuth also the axis angles, such as
         ``ha_deg``, ``dec_deg``, and ``through_pole``), ``approach_az``, ``approach_el`` (0:
         either), ``last_move_deg`` (length of a last, reversed move of both axes; None: any),
         ``after_hours`` (since the last row; None: any time), ``utc`` (of that time; None: any time,

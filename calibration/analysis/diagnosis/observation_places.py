@@ -29,7 +29,7 @@ from pointing_model.sky.skyline import Horizon
 #: elevation of the Sun below which stars are observed: the end of civil twilight, rad
 DARK = -6.0 * DEG
 _ROWS, _STEP, _LONGEST = 9, 0.25, 48.0  # sampled rows; time step and longest time ahead, h
-#: how far the first axis of an equatorial mount may go beyond the range that it has used
+#: how far the first axis may go beyond the range that it has used (not on an alt-azimuth mount)
 BEYOND = 5.0 * DEG
 CLEAR = 3.0 * DEG  # tolerance: the star observed is near the position, not at it
 SHORT = 2.0 * DEG  # a last move too short to complete a hysteresis
@@ -62,8 +62,8 @@ def on_turn(seen, angles):
 def places_under(known, low, high, *conditions):
     """Grid of positions on the sky, combined with all conditions.
 
-    The first axis of an equatorial mount stays in the range used by the rows: beyond it the
-    counterweight may be up. Positions behind a known skyline are excluded.
+    Except on an alt-azimuth mount, the first axis stays in the range used by the rows: beyond it
+    the counterweight may be up. Positions behind a known skyline are excluded.
 
     Parameters
     ----------
@@ -152,14 +152,14 @@ def observation_context(known, az, el, approach, later, short, warmer=0.0, **mor
 
 
 def place_of(context, j):
-    """Position of a proposal: horizontal ``az_deg``, ``el_deg``, and equatorial axis angles."""
+    """Position of a proposal: horizontal ``az_deg``, ``el_deg``, and axis angles if different."""
     place = [round(float(context.get(name)[j] / DEG), 6) % 360.0
              for name in ('azimuth', 'elevation')]
     return {'az_deg': place[0], 'el_deg': place[1], **_side(context, j)}
 
 
 def _side(context, j):
-    """Axis angles of an equatorial mount, and whether it points through the pole; else empty."""
+    """Axis angles and whether it is through the pole; empty for an alt-azimuth mount."""
     mount = context.mount
     if mount.vertical:
         return {}

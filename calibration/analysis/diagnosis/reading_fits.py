@@ -114,8 +114,8 @@ class ReadingFit:
     def as_good_as(self, other, least, likeliest):
         """Whether this fit is as good as another.
 
-        That is, its log-likelihood is less than `likeliest` lower, or its noise is less than
-        `least` times larger and it loses no more rows.
+        That is, its log-likelihood is less than `likeliest` lower, or, with the same clock and
+        site, its noise is less than `least` times larger and it loses no more rows.
         """
         times, likelier = self.better_than(other)
         return likelier > -likeliest or (
@@ -130,7 +130,7 @@ class ReadingFit:
         """Whether this fit is far better than another.
 
         That is, its log-likelihood is more than `likeliest` higher, and its noise is more than
-        `least` times smaller or it loses fewer rows.
+        `least` times smaller, or it loses fewer rows, or has another clock or site.
         """
         times, likelier = self.better_than(other)
         return likelier > likeliest and (times > least or self.lost < other.lost

@@ -185,8 +185,8 @@ def with_zeros_of_terms(result, before, after):
     ----------
     result : Diagnosis
     before, after : sequence of PointingRun
-        See `with_zeros`. The runs of several files are numbered in time (else as given, where a
-        time is not known); nothing is added where these have numbers of their own.
+        See `with_zeros`. The runs of several files are numbered in order of time, or as given if a
+        time is unknown. Nothing is added if the files number their runs themselves.
     """
     index, model, own = result.model.mount.names.index, result.model, result.run_terms
     before = [before] if isinstance(before, PointingRun) else before
@@ -201,9 +201,9 @@ def with_zeros_of_terms(result, before, after):
 
 
 def _run_numbers(obs):
-    """Name of each run in the results -> its number in a model, the newest last."""
+    """Name of each run in the results -> its number in a model, newest last."""
     names = [*map(str, obs.runs)]
-    if not any(isinstance(one, str) for one in obs.runs):  # of one file
+    if not any(isinstance(one, str) for one in obs.runs):  # one file
         return dict(zip(names, obs.runs))
     starts = np.array([np.min(obs.run.get('time')[obs.label == i]) for i in range(len(names))])
     order = np.argsort(starts if np.isfinite(starts).all() else range(len(names)), kind='stable')

@@ -60,7 +60,7 @@ class NightlyTerms(NamedTuple):
     columns: np.ndarray  # (n, k, c), changes by causes with unit coefficients
 
     def with_columns(self, more):
-        """With more columns, a sequence of (n, k, m)."""
+        """The same with more columns, a sequence of (n, k, m)."""
         return self._replace(columns=np.concatenate([self.columns, *more], axis=2))
 
     def forward(self, walk, scatter):

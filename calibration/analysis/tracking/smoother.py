@@ -156,7 +156,7 @@ def _events(live, rows, jumps, decided):
 
 
 def _path(tracker, live, rows, jumps):
-    """Means, shape (t, n), and covariances, shape (t, n, n), of the states at each row."""
+    """Smoothed means, shape (t, n), and covariances, (t, n, n), of the states at each row."""
     n, weights = len(live.states), live.rate_weights
     if not rows:
         return np.zeros((0, n)), np.zeros((0, n, n))

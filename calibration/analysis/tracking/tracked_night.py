@@ -99,7 +99,7 @@ class TrackedNight:
         self._noise, self._difference, self._lean = tuple(noise), difference, lean
         self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
-        self._events, self._nis = [], []  # what was called; of stars before which nothing happened
+        self._events, self._nis = [], []  # findings; NIS of stars without an event
         self.updates, self.measurements, self._at_first = [], None, None
         self._sensors = [name for name, known in (
             ('difference', difference), ('inclinometer', lean)) if known]
