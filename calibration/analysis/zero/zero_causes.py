@@ -185,10 +185,10 @@ def _complete(season, names):
 
 
 def _without_odd(season, names):
-    """The season without single outlying power-ons, and a Finding on each.
+    """The season without outlying power-ons, and a Finding on each.
 
-    A wrong star or missed marks depend on no covariate, and one hides all causes. Power-ons that
-    agree with a neighbour, and the last one, are kept: they may be a lasting step.
+    A wrong star or missed marks depend on no covariate, and one hides all causes. Outliers up to
+    the last power-on are kept: they may be a lasting step.
     """
     n = len(season)
     if n < _FEWEST:
@@ -201,11 +201,9 @@ def _without_odd(season, names):
         expected, sigma = np.transpose([line.at(one) for one in values.T])
         off = season.zeros[:, axis] - expected
         error = np.hypot(np.hypot(sigma, np.nan_to_num(season.sigmas[:, axis])), _LEAST)
-        beside = np.abs(np.diff(off, prepend=np.inf, append=np.inf))
-        off_alone = np.minimum(np.abs(off), np.minimum(beside[:-1], beside[1:]))
         offs[axis], times[axis] = off, np.abs(off) / error
-        out |= far & (off_alone > _ODD * error)
-    out[-1] = False
+        out |= far & (times[axis] > _ODD)
+    out &= np.cumsum(~out[::-1])[::-1] > 0
     if not out.any() or out.sum() > n // 3:
         return season, []
     found = []
