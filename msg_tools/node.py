@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every node of the graph shares: parameters, diagnostics, counted messages, a clean end."""
+"""What all nodes of the graph share: parameters, diagnostics, message counts, a clean end."""
 
 import copy
 import os
@@ -43,23 +43,23 @@ from .topics import CLOCK, DIAGNOSTICS, ENDPOINTS
 __all__ = ['BadInput', 'Counter', 'MountNode', 'NO_PUBLISHER_EVENTS', 'NO_SUBSCRIPTION_EVENTS',
            'Param']
 
-# Each event handler is one more entity that the executor looks at for every message: they took
-# half of a node's time. Incompatible endpoints are found once a second in the graph instead.
+# Each event handler is one more entity that the executor checks for every message: they took
+# half of a node's time. Incompatible endpoints are detected once a second from the graph instead.
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
-#: what a message that cannot be used raises: of JSON an infinite number, or a thousand brackets,
-#: are no ValueError
+#: exceptions that an unusable message can raise: in JSON, infinite numbers or a thousand brackets
+#: raise no ValueError
 UNUSABLE = ValueError, ArithmeticError, RecursionError
-#: s between two looks whether a node is alone in its place
+#: s between checks for duplicates of a node
 DUPLICATES = 0.25
 
 
 @lru_cache(64)
 def message_of(data, kind):
-    """The message of class `kind` that bytes are; ValueError says why they are none.
+    """The message of class `kind` in some bytes; ValueError gives the reason if there is none.
 
-    rclpy, asked for messages, skips such bytes without a word. One that several nodes of a process
-    take is made once.
+    rclpy, asked for messages, silently skips such bytes. A message that several nodes of a process
+    take is decoded once.
     """
     try:
         return deserialize_message(data, kind)
@@ -69,12 +69,12 @@ def message_of(data, kind):
 
 
 class Counter:
-    """Messages of one endpoint: how many, the last sequence number, how many were lost.
+    """Message counts of one endpoint: received, last sequence number, lost.
 
     Parameters
     ----------
     latched : bool
-        A latched topic keeps the last message only: that earlier ones are skipped is no loss.
+        A latched topic keeps only the last message: skipping earlier ones is no loss.
     """
 
     def __init__(self, latched=False):
@@ -84,7 +84,7 @@ class Counter:
 
     @property
     def gaps(self):
-        """Messages lost."""
+        """Number of lost messages."""
         return self.sequence.gaps
 
     def received(self, info):
@@ -97,7 +97,7 @@ class Counter:
 
 
 class CountedPublisher(Publisher):
-    """A publisher that counts, and tells the executor of its process what need not be waited for.
+    """A publisher that counts its messages, and announces them to the executor of its process.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class CountedPublisher(Publisher):
         self.counter, self._full_name = Counter(), self.topic_name
 
     def publish(self, msg):
-        """As rclpy's."""
+        """As rclpy's, with counting."""
         self.counter.count += 1
         super().publish(msg)
         published(self._full_name)
@@ -123,7 +123,7 @@ class MountNode(ParameterNode):
     name : str
         Default node name.
     params : iterable of Param
-        Its parameters, declared with range and unit; an override of an unknown one is refused.
+        Its parameters, declared with range and unit; overrides of unknown ones are refused.
     hardware_id : str
         Shown in diagnostics.
     context : rclpy.context.Context, optional
@@ -137,7 +137,7 @@ class MountNode(ParameterNode):
         A parameter is unknown, of the wrong type or out of range.
     """
 
-    #: s for which what comes may wait for more, see `NodeExecutor`
+    #: least s between wake-ups, see `NodeExecutor`
     GATHER = 0.0
 
     def __init__(self, name, params=(), *, hardware_id='', context=None, overrides=None,
@@ -158,7 +158,7 @@ class MountNode(ParameterNode):
             self.create_publisher(topic.message, topic.name, topic.qos,
                                   event_callbacks=NO_PUBLISHER_EVENTS)
             for topic in (DIAGNOSTICS, ENDPOINTS))
-        # diagnostics go on while simulated time stands still
+        # diagnostics continue while simulated time is paused
         self.every(0.1, self._diagnose)
         self.every(DUPLICATES, self._look_for_duplicates)
 
@@ -166,7 +166,7 @@ class MountNode(ParameterNode):
 
     def publisher(self, topic):
         """A publisher on `topic`, counted, with QoS overrides by parameter."""
-        # rclpy writes overrides into the profile that it is given; topics share theirs
+        # rclpy writes overrides into the given profile, which topics share
         pub = self.create_publisher(
             topic.message, topic.name, copy.copy(topic.qos), event_callbacks=NO_PUBLISHER_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
@@ -177,23 +177,23 @@ class MountNode(ParameterNode):
         return pub
 
     def publisher_count(self, topic):
-        """How many publishers a `Topic` has."""
+        """Number of publishers of a `Topic`."""
         return self.count_publishers(self.resolve_topic_name(topic.name))
 
     def publisher_names(self, topic):
-        """Nodes that publish a `Topic`, list of str, and how many have no name yet."""
+        """Nodes that publish a `Topic`, list of str, and the number of those with unknown name."""
         infos = self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name))
-        # right after its discovery the name of a node is not known
+        # right after discovery the name of a node is unknown
         names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos
                  if 'UNKNOWN' not in info.node_name]
         return names, len(infos) - len(names)
 
     def subscribe(self, topic, callback, after=None):
-        """A subscription on `topic`; a message that `callback` cannot use is counted, not fatal.
+        """A subscription to `topic`; an unusable message is counted and does not end the node.
 
-        `callback(message)` raises ValueError for a bad message. `after()` is called when the
-        messages that were ready have been taken: what costs as much for many as for one waits for
-        it.
+        `callback(message)` raises ValueError for an unusable message. `after()` is called after all
+        messages that were ready have been taken: for work that costs as much for many messages as
+        for one.
         """
         counter = Counter(topic.latched)
 
@@ -221,7 +221,7 @@ class MountNode(ParameterNode):
         return sub
 
     def create_subscription(self, msg_type, topic, callback, *args, **kwargs):
-        """As rclpy's; but a `/clock` below zero, which ended the node, is refused."""
+        """As rclpy's, but refuses a negative `/clock`, which ended the node."""
         if isinstance(getattr(callback, '__self__', None), TimeSource):
             take = callback
 
@@ -233,21 +233,21 @@ class MountNode(ParameterNode):
         return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
 
     def every(self, seconds, call):
-        """A timer of wall time, that is steady, whatever the time of the graph is."""
+        """A timer on steady wall time, whatever the time source of the graph."""
         return self.create_timer(seconds, call, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def create_service(self, srv_type, *args, **kwargs):
-        """As rclpy's; a question of ours that is asked again is not done again."""
+        """As rclpy's; a repeated Trigger request is not executed again."""
         service = super().create_service(srv_type, *args, **kwargs)
         if srv_type is Trigger:
             setattr(service, ANSWERS, Answers())
         return service
 
     def serve(self, name, call, once=False):
-        """A Trigger service; `call()`, or what it awaits, is whether it was done, and a sentence.
+        """A Trigger service; `call()`, or its coroutine, returns success and a sentence.
 
-        With `once` a question that is asked again, as its answer was lost, is not done again;
-        without it what stops something is done whenever it is requested.
+        With `once`, a request repeated after a lost answer is not executed again; without it, every
+        request is executed, as needed for services that stop something.
         """
         def answer(_, response):
             response.success, response.message = call()
@@ -256,7 +256,7 @@ class MountNode(ParameterNode):
         async def answer_later(_, response):
             response.success, response.message = await call()
             return response
-        # one that awaits leaves the node's group to the others, and answers whoever asks meanwhile
+        # a coroutine leaves the node's group to the others, and also answers requests meanwhile
         service = self.create_service(Trigger, name, answer_later, callback_group=(
             ReentrantCallbackGroup())) if iscoroutinefunction(call) else (
                 self.create_service(Trigger, name, answer))
@@ -264,7 +264,7 @@ class MountNode(ParameterNode):
             delattr(service, ANSWERS)
 
     def graph_reports(self):
-        """What the nodes of its namespace report of themselves: a `GraphReports`, kept up to date.
+        """A `GraphReports` of the nodes of its namespace, kept up to date.
 
         Returns
         -------
@@ -281,7 +281,7 @@ class MountNode(ParameterNode):
     # --- one graph in a namespace -----------------------------------------------------------
 
     def _look_for_duplicates(self):
-        """While another is, or publishes, what this node does, listen who it is."""
+        """Listen for a duplicate's identity while one exists: same node name or publisher."""
         own = self.get_name(), self.get_namespace()
         crowd = (any(self.count_publishers(topic) > 1 for topic in self._sole)
                  or self.get_node_names_and_namespaces().count(own) > 1)
@@ -303,7 +303,7 @@ class MountNode(ParameterNode):
                                f'another {place}ROS_DOMAIN_ID')
 
     def reject(self, source, reason):
-        """Count a message that could not be used; in the log the first times, each reason once."""
+        """Count an unusable message; the first ones are logged, repeated reasons once."""
         count, before = self.rejected.get(source, (0, ''))
         self.rejected[source] = (count + 1, reason)
         if count < 5 and reason != before:
@@ -312,19 +312,19 @@ class MountNode(ParameterNode):
     # --- diagnostics ------------------------------------------------------------------------
 
     def problems(self):
-        """Sentences that a user should see, worst first, as (level, text); for subclasses."""
+        """Problems for the user, worst first, as (level, text); for subclasses."""
         return []
 
     def details(self):
-        """Further (key, value) rows of the diagnostics, 13 at most; for subclasses."""
+        """Additional (key, value) rows of the diagnostics, 13 at most; for subclasses."""
         return []
 
     def reported(self):
-        """Further (key, value) rows for programs, beside the endpoints; for subclasses."""
+        """Additional (key, value) rows for programs, next to the endpoints; for subclasses."""
         return []
 
     def waiting_for(self):
-        """What this node still needs before it can work, as a list of str."""
+        """What this node still needs before it can work, list of str."""
         required = self.required()
         out = [f'a subscriber of {name}' for name, (pub, _) in self._publishers_of.items()
                if name in required and pub.get_subscription_count() == 0]
@@ -334,10 +334,10 @@ class MountNode(ParameterNode):
                       if name in required and subs[0][0].get_publisher_count() == 0]
 
     def incompatible(self):
-        """Endpoints that the graph knows and this node is not matched with, as a list of str.
+        """Endpoints in the graph with which this node is not matched, list of str.
 
-        Right after discovery a match may still be under way: `_diagnose` asks for what is seen
-        twice in a row.
+        Right after discovery a match may still be in progress: `_diagnose` reports only what is
+        seen twice in a row.
         """
         out = []
         for name, (pub, _) in self._publishers_of.items():
@@ -349,12 +349,12 @@ class MountNode(ParameterNode):
         return out
 
     def required(self):
-        """Full names of the topics without whose other side the node cannot work."""
+        """Full names of the topics that need a counterpart before the node can work."""
         return ()
 
     def endpoints(self):
-        """Matched and counted endpoints as (key, value) rows; `msg_tools.readiness` reads them."""
-        # whoever begins to listen to these changes its row, and so is told at once
+        """Matched and counted endpoints as (key, value) rows, read by `msg_tools.readiness`."""
+        # a new subscriber changes a row here, and so is informed at once
         rows = [(f'{PUBLISHES} {topic.name}', str(pub.get_subscription_count())) for topic, pub in
                 ((DIAGNOSTICS, self._diagnostics), (ENDPOINTS, self._reports_of_endpoints))]
         for name, (pub, counter) in self._publishers_of.items():
@@ -369,10 +369,10 @@ class MountNode(ParameterNode):
         return rows
 
     def _diagnose(self):
-        # at once when a connection came or went, or messages have come to rest; else once a second
+        # at once when a connection was added or lost, or the counts settle; else once a second
         rows, matches = self.endpoints(), (PUBLISHES, SUBSCRIBES)
         connections = [row for row in rows if row[0].startswith(matches)]
-        counts = [row for row in rows if not (  # those of the clock never rest
+        counts = [row for row in rows if not (  # those of the clock never settle
             row[0].startswith(matches) or row[0].endswith(f' {CLOCK.name}'))]
         self._rests = counts == self._last_counts
         self._last_counts = counts
@@ -383,7 +383,7 @@ class MountNode(ParameterNode):
             self.announce()
 
     def announce(self):
-        """Publish the diagnostics, and beside them the endpoints for programs, now."""
+        """Publish the diagnostics, and the endpoints for programs, now."""
         from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
         rows = self.endpoints()
         elapsed = time.monotonic() - self._announced_at
@@ -432,40 +432,41 @@ class MountNode(ParameterNode):
         """Close files; called once at the end, when the ROS context may already be gone."""
 
 
-#: key of a row of diagnostics: when a node was started, ns, and what tells it from all others
+#: key of a diagnostics row with the start of a node, ns, and text that makes it unique
 INSTANCE = 'instance'
 
 
 def new_instance(now=None):
-    """What distinguishes a node that starts now from all others, str."""
+    """A unique identity of a node that starts now, str."""
     start = time.time_ns() if now is None else now
     return f'{start} {socket.gethostname()} process {os.getpid()} {uuid.uuid4().hex[:8]}'
 
 
 def _order(instance):
-    """Instances in the order in which they were started, whoever compares; None for no such."""
+    """Sort key of instances by start, the same for every node; None for an invalid instance."""
     start, _, rest = instance.partition(' ')
     return (int(start), rest) if is_count(start) else None
 
 
 def earlier_duplicate(own, name, topics, status):
-    """Whether a status is that of a node before which another has to go.
+    """Whether a status comes from a duplicate that was started before this node.
 
     Parameters
     ----------
     own : str
-        Instance of the node that asks.
+        Instance of this node.
     name : str
-        Its full name.
+        Full name of this node.
     topics : iterable of str
-        Full names of what it alone may publish.
+        Full names of topics that only this node may publish.
     status : DiagnosticStatus
-        Of any node.
+        Status of any node.
 
     Returns
     -------
     str
-        What both are or publish, and who the other is; '' where it is none, or was started later.
+        What both are or publish, and the identity of the other; '' if it is no duplicate, or was
+        started later.
     """
     rows = {row.key: row.value for row in status.values}
     other = rows.get(INSTANCE, '')

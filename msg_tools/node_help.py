@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``NODE --help``: what a node does, its parameters, topics and services, without starting it.
+"""``NODE --help``: purpose, parameters, topics and services of a node, without starting it.
 
-Topics and services are read from the source of the node and of what it is made of, so the help
-needs neither a graph nor the devices that the node is for.
+Topics and services are read from the source of the node and its helpers, so the help needs
+neither a graph nor the node's devices.
 """
 
 import ast
@@ -27,34 +27,34 @@ from pathlib import Path
 
 from . import NAMESPACE, topics
 
-#: ends of names of parameters that say their unit
+#: endings of parameter names and their units
 _UNITS = (('_deg_s2', 'deg/s^2'), ('_deg_s', 'deg/s'), ('_arcsec_s', 'arcsec/s'), ('_deg', 'deg'),
           ('_arcsec', 'arcsec'), ('_hz', 'Hz'), ('_ms', 'ms'), ('_hpa', 'hPa'), ('_um', 'um'),
           ('_mb', 'MB'), ('_c', 'deg C'), ('_m', 'm'), ('_s', 's'))
-#: what every node has
+#: modules with endpoints that every node has
 _SHARED = (('msg_tools', 'node'), ('msg_tools', 'parameters'))
 _VERBS = {'publisher': 'gives', 'subscribe': 'takes'}
 
 
 def wants_help(args):
-    """Whether a user asks for help: ``--help`` or ``-h`` before what is for ROS.
+    """Whether a user asks for help: ``--help`` or ``-h`` before the ROS arguments.
 
     Parameters
     ----------
     args : list of str
-        Without the name of the program.
+        Command line without the name of the program.
     """
     own = args[:args.index('--ros-args')] if '--ros-args' in args else args
     return '--help' in own or '-h' in own
 
 
 def node_help(node_class):
-    """The text of the help.
+    """Help text of a node.
 
     Parameters
     ----------
     node_class : type
-        Of a node; its module has the parameters as `PARAMS` and says in its docstring what it does.
+        Class of the node; its module has the parameters as `PARAMS`, and a docstring.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def _block(title, rows):
 
 
 def _described(param):
-    """What a parameter does, its unit, range and default."""
+    """Description, unit, range and default of a parameter."""
     unit = re.findall(r'\[([^\]]+)\]', param.doc)
     unit = unit[-1] if unit else next(
         (unit for end, unit in _UNITS if param.name.endswith(end)), '')
@@ -115,7 +115,7 @@ def _described(param):
 
 
 def endpoints(node_class):
-    """Topics and services of a node, as its source makes them.
+    """Topics and services that the source of a node creates.
 
     Parameters
     ----------
@@ -124,13 +124,13 @@ def endpoints(node_class):
     Returns
     -------
     dict of str to list
-        ``takes`` and ``gives`` of `topics.Topic`, ``services`` of str.
+        ``takes`` and ``gives``: lists of `topics.Topic`; ``services``: list of str.
     """
     found = {'takes': {}, 'gives': {}, 'services': {}}
     scanned = set()
     for base in node_class.__mro__:
         name = base.__module__
-        if name == '__main__':  # started by ``python -m``
+        if name == '__main__':  # started with ``python -m``
             name = sys.modules[name].__spec__.name
         house, _, part = name.partition('.')
         if part and house != 'rclpy' and (house, part) not in _SHARED:
@@ -141,7 +141,7 @@ def endpoints(node_class):
 
 
 def _scan(name, found, scanned):
-    """Look through a module, and those of the same house that it calls with the node."""
+    """Search a module, and those of the same package that create endpoints for the node."""
     if name in scanned:
         return
     scanned.add(name)
@@ -168,7 +168,7 @@ def _scan(name, found, scanned):
 
 
 def _has_node(name):
-    """Whether a module has functions that give a node its endpoints."""
+    """Whether a module has functions that create endpoints of a node."""
     try:
         module = import_module(name)
         source = Path(module.__file__).read_text(encoding='utf-8')

@@ -14,12 +14,12 @@
 
 """Nodes that can move a mount: managed nodes of ROS 2, which command nothing unless active.
 
-`design.ros2.org/articles/node_lifecycle.html` has the states; rclpy's own managed node ends on a
-transition that its state does not have, and keeps what a callback raised to itself. These do not.
+`design.ros2.org/articles/node_lifecycle.html` defines the states; the managed node of rclpy ends
+on a transition that is invalid in its state, and hides exceptions of callbacks. These do not.
 
-Endpoints are there from the start and not made on configure: a guard that is not configured would
-have no `guard/status` and no `abort`, so nobody could say why the mount stands (two of its eight
-tests failed so). What moves a mount is silent until active.
+Endpoints exist from the start, not only after configure: an unconfigured guard would have no
+`guard/status` and no `abort`, so nobody could say why the mount stands (two of its eight tests
+failed because of that). A node publishes nothing that moves the mount until it is active.
 """
 
 import traceback
@@ -34,7 +34,7 @@ from .params import Param
 
 AUTOSTART = Param('autostart', True, 'become active at the start; else when a lifecycle manager, '
                   'ros2 lifecycle set or telescope-mount lifecycle says so', fixed=True)
-#: what one waits for that is not active
+#: what an inactive node waits for
 ACTIVATION = 'activation'
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
@@ -42,14 +42,14 @@ SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FA
 class ManagedNode(MountNode, LifecycleNode):
     """A `MountNode` that is a `LifecycleNode`: unconfigured, inactive, active or finalized.
 
-    `AUTOSTART` is among its parameters. What it subscribes to and publishes is there in all
-    states; what moves the mount a subclass does only while `active`.
+    `AUTOSTART` is among its parameters. Subscriptions and publishers exist in all states; a
+    subclass moves the mount only while `active`.
 
     Attributes
     ----------
     active : bool
     starting : bool
-        It is about to become active by itself: nobody need be told that it is not.
+        About to activate itself, so nobody needs to be told that it is inactive.
     """
 
     def __init__(self, name, params, **kwargs):
@@ -58,7 +58,7 @@ class ManagedNode(MountNode, LifecycleNode):
         service = next(s for s in self.services if s.srv_type is ChangeState)
         self._change, service.callback = service.callback, self._on_change_state
         self.starting = self.value(AUTOSTART.name)
-        # when it is made, and its executor runs
+        # delayed until the node is complete and its executor runs
         self._begin = self.every(max(1e-3, self.look_around()), self._on_begin)
 
     def _on_begin(self):
@@ -83,33 +83,33 @@ class ManagedNode(MountNode, LifecycleNode):
     # --- for subclasses -----------------------------------------------------------------------
 
     def look_around(self):
-        """s after its start before it may be active: in them a duplicate is found."""
+        """Time between start and activation for finding a duplicate, s."""
         return 0.0
 
     def configured(self):
-        """Reach for the hardware; ValueError or OSError, one line, where that fails."""
+        """Connect to the hardware; one-line ValueError or OSError on failure."""
 
     def activated(self):
-        """From now on it may command; ValueError or OSError, one line, where that fails."""
+        """Start commanding; one-line ValueError or OSError on failure."""
 
     def deactivated(self):
-        """Have the mount stop: it may command no more once this has returned."""
+        """Stop the mount: no commands are allowed after this returns."""
 
     @property
     def inactive(self):
-        """Why nothing is commanded, for people; '' while it is active."""
+        """Why nothing is commanded, for people; '' if active."""
         if self.active:
             return ''
         what = {'unconfigured': 'configure and activate it', 'finalized': 'start it anew'}
         return f'{self.get_name()} is {self._state}: {what.get(self._state, "activate it")}'
 
     def read_command(self, message, names):
-        """A trajectory on `command` for a mount with joints `names`.
+        """Read a trajectory on `command` for a mount with joints `names`.
 
         Returns
         -------
         ns, times, positions, velocities
-            As of `convert.read_trajectory`.
+            See `convert.read_trajectory`.
 
         Raises
         ------
@@ -147,21 +147,21 @@ class ManagedNode(MountNode, LifecycleNode):
         return self._rest('unconfigured')
 
     def on_shutdown(self, state):
-        """As rclpy's; there is no way back, whatever fails."""
+        """As rclpy's; shutdown is final, even if something fails."""
         self._state = 'finalized'
         return self._rest('finalized')
 
     def on_error(self, state):
-        """As rclpy's; after an error it is back at the start, or at the end."""
+        """As rclpy's; after an error the node is unconfigured again, or finalized."""
         self._state = 'finalized'
         return self._rest('unconfigured')
 
     def _rest(self, state):
-        """Have the mount stop if it is active, and be in another state."""
+        """Stop the mount if active, and change to another state."""
         try:
             return self._made(self.deactivated if self.active else lambda: None, state)
         finally:
-            self.active = False  # whatever was in the way
+            self.active = False  # whatever failed
 
     def _made(self, call, state):
         try:
@@ -169,26 +169,26 @@ class ManagedNode(MountNode, LifecycleNode):
         except (ValueError, OSError) as err:
             self.get_logger().error(str(err))
             return FAILURE
-        except Exception:  # rclpy would keep it to itself
+        except Exception:  # rclpy would hide it
             self.get_logger().fatal(traceback.format_exc())
             raise
         self._state = state
         return SUCCESS
 
     def destroy_node(self):
-        """And its state machine: rclpy's own forgets it, and what it has in `/dev/shm` stays."""
+        """Destroy the state machine too: rclpy leaks it, and its files in `/dev/shm`."""
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 
     # --- diagnostics ---------------------------------------------------------------------------
 
     def waiting_for(self):
-        """Activation, too."""
+        """Includes activation."""
         inactive = not self.active and not self.starting
         return [*super().waiting_for(), *([ACTIVATION] if inactive else [])]
 
     def details(self):
-        """The state."""
+        """Includes the lifecycle state."""
         return [*super().details(), ('lifecycle', self._state)]
 
 
@@ -198,20 +198,20 @@ class WorkerNode(ManagedNode):
     Attributes
     ----------
     worker : object
-        With ``start()``, called once, when the node is configured, and ``close()``.
+        Has ``start()``, called once, when the node is configured, and ``close()``.
     started : bool
     """
 
     worker, started, _reported = None, False, ''
 
     def configured(self):
-        """Begin; once, then the worker keeps the connection up."""
+        """Start the worker once; from then on it keeps the connection up."""
         if not self.started:
             self.started = True
             self.worker.start()
 
     def log_change(self, text, fine):
-        """Log what is wrong (`text`) as it changes, or that nothing is any more (`fine`)."""
+        """Log a problem (`text`) when it changes, or its end (`fine`)."""
         if text != self._reported:
             self._reported = text
             if text:
@@ -220,6 +220,6 @@ class WorkerNode(ManagedNode):
                 self.get_logger().info(fine)
 
     def finish(self):
-        """End the worker."""
+        """Stop the worker."""
         if self.started:
             self.worker.close()

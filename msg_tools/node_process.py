@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Runs nodes until a signal: one in its process, or several that share it.
+"""Runs nodes until a signal: one per process, or several in one.
 
     python -m msg_tools.node_process MODULE,MODULE... --ros-args ...
 """
@@ -39,11 +39,11 @@ from .node import MountNode
 from .open_files import check_open_files
 from .signals import ENDING, on_end
 
-#: s in which DDS lets go of nodes that have ended
+#: most s that DDS may take to destroy ended nodes
 LETS_GO = 12.0
-#: s for which a process waits that others let go of theirs
+#: most s that a process waits for others to destroy their nodes
 TURN = 4.0
-#: of the queues of Fast DDS
+#: folder of the queues of Fast DDS
 FOLDER = '/dev/shm'
 
 
@@ -53,14 +53,14 @@ def run_node(make_node, args=None):
     Parameters
     ----------
     make_node : callable
-        Returns the node, and its class if it shall tell ``--help``; raises ValueError or OSError
-        with one line for bad input. A class may have ``before_end(node)``, which is called after
-        a signal, while its topics still work.
+        Returns the node; its class if ``--help`` shall work; raises ValueError or OSError with one
+        line for invalid input. A class may have ``before_end(node)``, which is called after a
+        signal, while its topics still work.
 
     Returns
     -------
     int
-        Exit code: 0 after a clean end, 1 where its own file is not whole, 2 after bad input.
+        Exit code: 0 after a clean end, 1 if a file of the node is incomplete, 2 for invalid input.
     """
     if isinstance(make_node, type) and {'-h', '--help'} & set(args or sys.argv[1:]):
         from .node_help import node_help, wants_help
@@ -71,22 +71,22 @@ def run_node(make_node, args=None):
 
 
 def run_nodes(makers, args=None):
-    """Run nodes in this process, one executor for all; see `run_node`.
+    """Run nodes in this process with one executor for all; see `run_node`.
 
     Parameters
     ----------
     makers : sequence of callable
-        Of the nodes, in the order in which they are made.
+        Functions that create the nodes, in this order.
 
     Returns
     -------
     int
-        Exit code as of `run_node`; where one of them has bad input none runs.
+        See `run_node`; if one of them has invalid input, none runs.
     """
     map_large_blocks()
     nodes, executor, running, ended, code = [], None, False, [], 0
-    # rclpy's handlers shut the context down, and call those before them as well, which end a node
-    # that imports (`telescope_mount.start`); an exception would fall into the middle of a record
+    # the handlers of rclpy shut the context down and also call the previous handlers, which end a
+    # node during imports (`telescope_mount.start`); an exception could interrupt writing a record
     on_end(lambda *_: ended.append(True))
     try:
         check_open_files()
@@ -95,16 +95,16 @@ def run_nodes(makers, args=None):
         for make in makers:
             nodes.append(make())
             nodes[-1].check_overrides()
-        # what one may wait for, another beside it may not
+        # a delay that is fine for one node may not be for another
         executor = NodeExecutor(gather=min(node.GATHER for node in nodes))
         for node in nodes:
             executor.add_node(node)
-        # what is there now stays; of the little that comes after it a whole collection takes no
-        # time, and by default would be due once in some hundred nights
+        # keep what exists now out of garbage collection: little is created later, so a full
+        # collection takes no time; by default one would run once in some hundred nights
         gc.freeze()
         gc.set_threshold(700, 2, 2)
         while not ended and rclpy.ok():
-            executor.spin_once()  # a node has timers: it looks at itself ten times a second
+            executor.spin_once()  # returns often: a node has timers, ten times a second
         if ended:
             for node in nodes:
                 getattr(node, 'before_end', lambda: None)()
@@ -113,9 +113,9 @@ def run_nodes(makers, args=None):
     except (ValueError, OSError) as err:
         code = _error(err)
     except RCLError as err:
-        # else it was shut down while something was being made or published
+        # else the shutdown came while something was being created or published
         if not running or rclpy.ok():
-            # of rcl's own text only the first sentence is for the user
+            # only the first sentence of rcl's own text is for the user
             code = _error(f'{str(err).splitlines()[0].split(", at /")[0]}{_secured()}')
     except RuntimeError as err:
         if 'QoS override' not in str(err):
@@ -130,16 +130,16 @@ def run_nodes(makers, args=None):
             except OSError as err:
                 code = max(code, _error(err, 1))
         with _turn():
-            # Fast DDS may wait for ever while other nodes end too, and lets no Python run meanwhile
+            # Fast DDS may wait forever while other nodes end too, and blocks Python meanwhile
             # (github.com/eProsima/Fast-DDS, 6513): files are closed; the process ends, with code 1
             faulthandler.dump_traceback_later(LETS_GO, exit=True, file=2)
             for node in nodes:
                 node.destroy_node()
             if executor is None:
-                gc.collect()  # what was made of one that failed: it would stay in /dev/shm
+                gc.collect()  # parts of a node that failed would stay in /dev/shm
             rclpy.try_shutdown()
         faulthandler.cancel_dump_traceback_later()
-        # while the interpreter is taken apart no handler is called any more
+        # no handler is called any more during interpreter shutdown
         for number in ENDING:
             signal.signal(number, signal.SIG_IGN)
     return code
@@ -147,15 +147,15 @@ def run_nodes(makers, args=None):
 
 @contextmanager
 def _turn():
-    """Wait, for `TURN` s at most, until no other process lets go of its nodes.
+    """Wait, for at most `TURN` s, until no other process destroys its nodes.
 
-    Of processes that close a queue of Fast DDS at the same moment each may take the other for its
-    user, and it stays in `/dev/shm`.
+    If processes close a queue of Fast DDS at the same moment, each may take the other for its
+    user, and the queue stays in `/dev/shm`.
     """
     try:
         folder = os.open(FOLDER, os.O_RDONLY)
     except OSError:
-        yield  # of another system
+        yield  # another operating system
         return
     try:
         end = time.monotonic() + TURN
@@ -170,14 +170,14 @@ def _turn():
 
 
 def _error(err, code=2):
-    """Say what is wrong; the exit code."""
-    with suppress(OSError):  # the disk may be full that this goes to
+    """Print an error; return the exit code."""
+    with suppress(OSError):  # standard error may go to a full disk
         print(f'error: {err}', file=sys.stderr, flush=True)
     return code
 
 
 def _secured():
-    """Where to look if the node shall be secured, after a sentence that it cannot start."""
+    """Hint for a secured node, appended to the sentence that it cannot start."""
     if os.environ.get('ROS_SECURITY_ENABLE') != 'true':
         return ''
     return ('; ROS_SECURITY_ENABLE is true: it needs a DDS with security, which the one from PyPI '
@@ -185,18 +185,18 @@ def _secured():
 
 
 def node_of(module):
-    """The class of the node that a module, by its name, is for."""
+    """The node class of a module, given by its name."""
     return next(item for item in vars(import_module(module)).values() if isinstance(item, type)
                 and issubclass(item, MountNode) and item.__module__ == module)
 
 
 def main():
-    """Run the nodes of the modules that the first argument names."""
+    """Run the nodes of the modules in the first argument."""
     nodes = [node_of(module) for module in sys.argv[1].split(',')]
     sys.exit(run_nodes(nodes) if len(nodes) > 1 else run_node(*nodes))
 
 
-#: glibc's mallopt: from how many bytes on a block is its own map
+#: glibc's mallopt: size above which a block gets its own memory map
 _MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
 
 
@@ -205,20 +205,20 @@ def _libc_function(name):
     try:
         return getattr(ctypes.CDLL(None), name)
     except (AttributeError, OSError, TypeError):
-        return lambda *args: 0  # of glibc alone
+        return lambda *args: 0  # only in glibc
 
 
 def map_large_blocks():
-    """Large blocks stay apart from the heap, and go when they are freed.
+    """Keep large blocks apart from the heap, so that they are returned when freed.
 
-    By default the first that is freed moves the limit up, to 32 MB at most: messages that grow with
-    the night then leave holes in the heap, each too small for the next.
+    By default, freeing the first one raises the threshold, to 32 MB at most: messages that grow
+    during the night then leave holes in the heap, each too small for the next message.
     """
     _libc_function('mallopt')(_MMAP_THRESHOLD, _LARGE)
 
 
 def give_back():
-    """After work that took much: else the heap keeps its pages for more of it. About 1 ms."""
+    """Return free heap memory after large tasks: else the heap keeps it for later. About 1 ms."""
     _libc_function('malloc_trim')(0)
 
 

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the ``frame_id`` of messages in older logs, and of older drivers, says beside a frame.
+"""Extra information in the ``frame_id`` of messages in older logs, and of older drivers.
 
-Today a ``frame_id`` is a link of the URDF. Then it said of which power-on a reading was
-(``power_on_2@1768482000.500``); of a zero also the model and that it was not by Polaris
-(``power_on_2@1768482000.500/3f2a90c1d5e7+stars``); of which mount an observation was
-(``mount_enu/german@34.3``, the latitude in deg); and y of a vector on the sky was up.
+Today a ``frame_id`` is a link of the URDF. Then it gave the power-on of a reading
+(``power_on_2@1768482000.500``); for a zero also the model, and that it was not measured by Polaris
+(``power_on_2@1768482000.500/3f2a90c1d5e7+stars``); the mount of an observation
+(``mount_enu/german@34.3``, the latitude in deg); and y of a vector on the sky pointed up.
 """
 
 import re
@@ -30,7 +30,7 @@ _ZERO = re.compile(rf'{_NUMBER}(?:{_START})?(?:/(\w+))?(?:\+(stars))?')
 
 
 class ZeroFrame(NamedTuple):
-    """What the frame of a zero held; None where it held none."""
+    """Content of the frame of a zero; None for missing parts."""
 
     run: int
     started: float | None
@@ -39,18 +39,18 @@ class ZeroFrame(NamedTuple):
 
 
 def power_on_in(frame):
-    """Number and start (UTC s) of the power-on of a reading; None where there is none."""
+    """Number and start (UTC s) of the power-on of a reading; None if the frame has none."""
     found = _POWER_ON.fullmatch(frame)
     return None if found is None else (int(found[1]), float(found[2]))
 
 
 def zero_in(frame):
-    """The `ZeroFrame` of a zero; None where the frame held nothing.
+    """The `ZeroFrame` of a zero; None if the frame holds nothing.
 
     Raises
     ------
     ValueError
-        It names no power-on.
+        It has no valid power-on.
     """
     if not frame.startswith(_PREFIX):
         return None
@@ -62,7 +62,7 @@ def zero_in(frame):
 
 
 def mount_in(frame):
-    """Kind and latitude (deg) of the mount of an observation; None of an alt-azimuth one.
+    """Kind and latitude (deg) of the mount of an observation; None for an alt-azimuth mount.
 
     Raises
     ------
@@ -76,5 +76,5 @@ def mount_in(frame):
 
 
 def is_y_up(frame):
-    """Whether y of a vector on the sky is up, and not down as in an optical frame."""
+    """Whether y of a vector on the sky points up, not down as in an optical frame."""
     return not frame.endswith('_optical')

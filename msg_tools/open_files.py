@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How many files a process may have open: ROS says nothing of use where they do not suffice."""
+"""Checks the limit of open files: ROS does not report clearly when it is too small."""
 
 import resource
 
-#: that a node or a command needs, libraries that it loads among them; half as many sufficed
+#: open files that a node or command needs, including loaded libraries; half as many sufficed
 NEEDED = 64
 
 
 def check_open_files():
-    """Refuse to begin what would fail on the way.
+    """Refuse to start if the process may open too few files.
 
     Raises
     ------

@@ -25,7 +25,7 @@ from rclpy.parameter import Parameter
 from .parameter_sections import check_files
 from .params import SITE_PARAMETERS, BadInput
 
-#: rclpy declares it for every node, and does not say what it is
+#: rclpy declares it for every node, without a description
 USE_SIM_TIME = ParameterDescriptor(
     name='use_sim_time', type=ParameterType.PARAMETER_BOOL, read_only=True,
     description='time is that of /clock (a simulated or replayed night), not of this machine; the '
@@ -40,9 +40,9 @@ class ParameterNode(Node):
     name : str
         Default node name.
     params : iterable of Param
-        An override of an unknown one is refused.
+        Overrides of unknown ones are refused.
     context, overrides, namespace
-        As of `MountNode`.
+        See `MountNode`.
 
     Raises
     ------
@@ -75,7 +75,7 @@ class ParameterNode(Node):
         self.add_post_set_parameters_callback(self._apply)
 
     def declare(self, params):
-        """Declare `params`; BadInput where a start-up value is refused."""
+        """Declare `params`; BadInput if a start-up value is refused."""
         for param in params:
             try:
                 value = self.declare_parameter(
@@ -97,14 +97,14 @@ class ParameterNode(Node):
             self._params[param.name] = param
 
     def check_overrides(self):
-        """BadInput where a QoS override fits no endpoint; all endpoints must have been made."""
+        """BadInput if a QoS override matches no endpoint; call it after creating all endpoints."""
         for key in self._parameter_overrides:
             if not self.has_parameter(key) and key not in SITE_PARAMETERS:
                 raise BadInput(f'{self.get_name()}: {key} fits no topic and policy of this node; '
                                f'see ros2 param list {self.get_fully_qualified_name()}')
 
     def set_parameters_atomically(self, parameter_list):
-        """As rclpy's; the reason against an unknown one names the nearest."""
+        """As rclpy's; the error for an unknown parameter suggests the closest name."""
         for parameter in parameter_list:
             if not self.has_parameter(parameter.name):
                 return SetParametersResult(successful=False, reason=self._unknown(parameter.name))
@@ -116,7 +116,7 @@ class ParameterNode(Node):
         return f'unknown parameter {name}; {hint}'
 
     def value(self, name):
-        """The value of parameter `name`."""
+        """Value of parameter `name`."""
         return self.get_parameter(name).value
 
     def _validate(self, parameters):
@@ -133,7 +133,7 @@ class ParameterNode(Node):
         return SetParametersResult(successful=True)
 
     def check_together(self, values):
-        """Raise ValueError where parameter values do not go together; for subclasses."""
+        """Raise ValueError for inconsistent parameter values; for subclasses."""
 
     def _apply(self, parameters):
         names = {p.name for p in parameters} & set(self._params)
@@ -141,4 +141,4 @@ class ParameterNode(Node):
             self.parameters_changed(names)
 
     def parameters_changed(self, names):
-        """Called after `names` have new, valid values."""
+        """Called after the parameters `names` have received new, valid values."""

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parameters of nodes: what one may be, and what the user reads where it is not."""
+"""Parameters of nodes: allowed values, and errors for users."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-#: in the constraints of a parameter's descriptor, see `Param.truth`
+#: in the constraints of a parameter's descriptor: see `Param.truth`
 TRUTH_MARK = 'what only the simulator knows: kept out of the log that a calibration reads'
-#: of the site: one file tells them to all nodes (`/**`), and who has no use for them lets them be
+#: of the site: one file sets them for all nodes (`/**`); nodes that do not use them ignore them
 SITE_PARAMETERS = ('latitude_deg', 'longitude_deg', 'height_m', 'pressure_hpa', 'temperature_c',
                    'humidity', 'wavelength_um')
 
@@ -31,7 +31,7 @@ class Param:
     Parameters
     ----------
     name : str
-        With the unit at its end where it is not SI.
+        Ends with the unit if it is not SI.
     default : bool, int, float, str or list of str
         Also fixes the type.
     doc : str
@@ -41,12 +41,12 @@ class Param:
     choices : tuple of str, optional
         Allowed values of a string.
     check : callable, optional
-        ``check(value)`` raises ValueError with the reason for a value that cannot be used. It
-        must have no side effect.
+        ``check(value)`` raises ValueError with the reason for an invalid value. It must have no
+        side effects.
     fixed : bool
         Can be set only when the node starts.
     truth : bool
-        It says what only the simulator knows: a log gives it beside the truth alone.
+        Known only to the simulator: logged only with the truth.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Param:
     truth: bool = False
 
     def descriptor(self):
-        """The ParameterDescriptor that tells the user of range and unit."""
+        """The ParameterDescriptor with range and unit for the user."""
         from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
         out = ParameterDescriptor(description=self.doc, read_only=self.fixed)
         if self.low is not None:
@@ -77,7 +77,7 @@ class Param:
         return out
 
     def refuse(self, value):
-        """The reason why `value` cannot be taken, or None."""
+        """Reason why `value` is invalid, or None."""
         if self.choices and value not in self.choices:
             return f'{self.name} = {value!r}: use one of {", ".join(self.choices)}'
         if self.low is not None and not self.low <= value <= self.high:
@@ -91,4 +91,4 @@ class Param:
 
 
 class BadInput(ValueError):
-    """A start-up value that cannot be used; its text is the one line that the user sees."""
+    """An invalid start-up value; its text is one line for the user."""

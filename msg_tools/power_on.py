@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which power-on an instrument is in, as it says: what it counts from holds no longer.
+"""Which power-on of an instrument a reading belongs to: its counts restart at every power-on.
 
-Each encoder says it once a power-on, latched, on ``incremental/power_on`` or ``absolute/power_on``;
-`msg_tools.homing` says the same. A driver that is started anew may count from 1 again: number and
-start together name a power-on, and only equality counts. Older logs and drivers say it in each
-reading: `msg_tools.older_frames`.
+Each encoder publishes it once per power-on, latched, on ``incremental/power_on`` or
+``absolute/power_on``; `msg_tools.homing` contains it too. A restarted driver may count from 1
+again: so number and start together identify a power-on, and are only compared for equality. In
+older logs and drivers each reading contains it: `msg_tools.older_frames`.
 """
 
 from typing import NamedTuple
@@ -34,9 +34,9 @@ class PowerOn(NamedTuple):
     Attributes
     ----------
     number : int
-        As the instrument counts them.
+        Number, as counted by the instrument.
     started : float
-        When it began, UTC s, to the millisecond: see `since`.
+        Start, UTC s, to the millisecond: see `since`.
     """
 
     number: int
@@ -47,23 +47,23 @@ class PowerOn(NamedTuple):
 
 
 def since(ns):
-    """A stamp (ns) as `PowerOn.started`: a number that JSON, text and float64 keep."""
+    """A stamp (ns) as `PowerOn.started`: a number that JSON, text and float64 preserve."""
     return round(ns * 1e-9, 3)
 
 
 def power_on_message(power_on, ns):
-    """The DiagnosticArray of a `PowerOn`, stamped by its first reading (ns)."""
+    """The DiagnosticArray of a `PowerOn`, stamped with its first reading (ns)."""
     return values_message(ns, {'power_on': {
         'version': VERSION, 'number': power_on.number, 'started_s': f'{power_on.started:.3f}'}})
 
 
 def read_power_on(message):
-    """The way back from `power_on_message`.
+    """The inverse of `power_on_message`.
 
     Raises
     ------
     ValueError
-        It is none, or of another version.
+        Not a power-on, or of another version.
     """
     values = values_of(message, 'power_on', VERSION)
     try:
@@ -73,19 +73,19 @@ def read_power_on(message):
 
 
 class PowerOns:
-    """Of which power-on the readings of one instrument are."""
+    """Determines the power-on of each reading of one instrument."""
 
     def __init__(self):
         self._known = []
 
     def take(self, message):
-        """Take a message; ValueError for one that holds none."""
+        """Take a message; ValueError if it contains no power-on."""
         new = read_power_on(message)
-        # a reading of the one before may still be under way
+        # a reading of the previous power-on may still arrive
         self._known = [old for old in self._known if old.started < new.started][-1:] + [new]
 
     def of(self, header):
-        """The `PowerOn` of a reading with that header; None where none is known."""
+        """The `PowerOn` of a reading with that header; None if unknown."""
         older = power_on_in(header.frame_id)
         if older is not None:
             return PowerOn(*older)

@@ -12,39 +12,39 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Are all the nodes of a graph connected, and has the log everything? Read from `/endpoints`.
+"""Determines from `/endpoints` whether all nodes of a graph are connected and the log is complete.
 
 Discovery between processes takes from 0.3 s to several seconds, and one side of a connection
-may see it before the other; a message sent in between is lost. So each node says on
-`/endpoints` how many endpoints it is matched with, and whoever starts the work compares.
+may see it before the other; messages sent in between are lost. So each node publishes on
+`/endpoints` how many endpoints it is matched with, and programs that start work compare these.
 """
 
 import time
 
-# first words of the rows, before the topic's name: `MountNode.endpoints` writes, `parse` reads
+# first words of row keys, before the topic name: `MountNode.endpoints` writes, `parse` reads them
 PUBLISHES, SUBSCRIBES = 'publishes', 'subscribes'  # endpoints matched
 PUBLISHED, LAST = 'published', 'last'  # messages, the last one's sequence number
-#: a row for itself: since it came to rest nothing came or went; when that changes, and it comes to
-#: rest again, a node says so within so many seconds
+#: key of the row that says that all counts have settled; when a count changes and settles again,
+#: a node reports it within `REST` s
 RESTS, REST = 'rests', 0.35
-#: what a node says of itself while its level is an error or worse
+#: key of a node's message while its level is ERROR or higher
 ERRORS = 'errors'
-#: a row of the logger: nodes whose parameters are to come yet
+#: row of the logger: number of nodes whose parameters are still awaited
 AWAITED = 'awaited'
 
 #: DiagnosticStatus.ERROR, which comes with ROS
 _ERROR = b'\x02'
-#: first letters of nodes that hear `command` and drive nothing
+#: beginnings of names of nodes that subscribe to `command` but drive nothing
 _HEARERS = ('mcap_logger', 'rosbag2_', 'star_observer', 'check_drivers', '_ros2cli', 'foxglove_',
             'rqt')
 
 
-#: digits of a count, at most: Python refuses to read some thousands of them
+#: most digits of a count: Python refuses to convert some thousands of digits
 _DIGITS = 19
 
 
 def is_count(text):
-    """Whether the value of a row is a whole number that a counter can have."""
+    """Whether the value of a row is a valid count."""
     return len(text) <= _DIGITS and text.isdecimal()
 
 
@@ -54,17 +54,17 @@ def drives(node):
 
 
 class GraphReports(dict):
-    """What the nodes of a graph last reported of themselves: node name -> what `parse` returned.
+    """Latest reports of the nodes of a graph: node name -> result of `parse`.
 
     Parameters
     ----------
     namespace : str
-        Of the graph; what others report is left alone.
+        Namespace of the graph; reports of other nodes are ignored.
 
     Attributes
     ----------
     received : dict of str to float
-        Node name -> when, by `time.monotonic`.
+        Node name -> time of reception, by `time.monotonic`.
     """
 
     def __init__(self, namespace):
@@ -80,13 +80,13 @@ class GraphReports(dict):
                 self.received[status.name] = time.monotonic()
 
     def silent(self, seconds):
-        """Nodes, by their own names, that have not reported for so long and did so before."""
+        """Nodes (names relative to the namespace) whose last report is older than that."""
         now = time.monotonic()
         return [name.removeprefix(self._within) for name, at in self.received.items()
                 if now - at > seconds]
 
     def errors_of(self, node):
-        """What a node of the graph, by its own name, reported last as errors, '' for nothing."""
+        """Errors in the last report of a node (name relative to the namespace), '' for none."""
         return self.get(self._within + node, {}).get(ERRORS, '')
 
 
@@ -109,21 +109,21 @@ def parse(status):
             out[AWAITED] = int(row.value) if is_count(row.value) else 0
             continue
         kind, _, topic = row.key.partition(' ')
-        # whoever else publishes diagnostics may use such keys for something else
+        # other publishers of diagnostics may use such keys for something else
         if isinstance(out.get(kind), dict) and topic.startswith('/') and is_count(row.value):
             out[kind][topic] = int(row.value)
     return out
 
 
 def unmatched(nodes, reports):
-    """What is missing until every endpoint of `nodes` is connected on both sides.
+    """What is missing until all endpoints of `nodes` are connected on both sides.
 
     Parameters
     ----------
     nodes : iterable of str
-        Fully qualified names that must be there.
+        Fully qualified names of the required nodes.
     reports : dict of str to dict
-        Node name to what `parse` returned.
+        Node name -> result of `parse`.
 
     Returns
     -------
@@ -144,9 +144,9 @@ def unmatched(nodes, reports):
 
 
 def unreceived(receiver, reports, then):
-    """Messages that the nodes had published `then` and `receiver` has not taken yet.
+    """Messages that the nodes had published at `then` and `receiver` has not taken yet.
 
-    Counts of received messages would not do: a receiver that was matched late has fewer.
+    Counts of received messages would be wrong: a receiver that was matched late has fewer.
     Sequence numbers count from the publisher's first message.
 
     Parameters
@@ -154,13 +154,13 @@ def unreceived(receiver, reports, then):
     receiver : str
         Node name.
     reports, then : dict of str to dict
-        Node name to what `parse` returned, now and at the time that counts.
+        Node name -> result of `parse`, now and at the reference time.
 
     Returns
     -------
     dict of str to int
-        Topic to the number still missing; topics that `receiver` does not subscribe are left
-        out.
+        Topic -> number of missing messages; without topics that `receiver` does not subscribe
+        to.
     """
     last = reports[receiver][LAST]
     sent = {}

@@ -12,35 +12,35 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Services whose answer may be lost on its way: the question is asked again, and done once.
+"""Services whose answer may get lost: clients repeat the request, the server executes it once.
 
-A question that was sent before the last answer was given cannot follow from that answer: it is the
-same question once more, or one that waited in the network or behind the work. It gets the same
-answer. One that comes while the work is under way joins it. One that passed the answer on its way
-is known by its time and number: a `steps.ServiceCall` is asked again after `AGAIN` s, and another
-is not begun before `PASSED` s after such an answer. Any later one is a new question. What a client
-does in its place is in `steps.call`.
+A request that was sent before the last answer cannot be a reaction to that answer: it is a repeat,
+or was delayed by the network or the work. It gets the same answer. A request that arrives during
+the work is answered together with the first. A repeat that crossed the answer is recognized by its
+time and number: a `steps.ServiceCall` repeats after `AGAIN` s, and does not make another request
+before `PASSED` s after such an answer. Any later request is a new one. `steps.call` is the client
+side.
 """
 
 import time
 
-#: s after which a question is asked again: that or its answer was lost
+#: s after which a request is repeated: it or its answer was lost
 AGAIN = 3.0
-#: s in which an answer may not have come to who asks again
+#: s for which an answer may still be on its way to a client that repeats its request
 PASSED = 1.0
-#: s that may have gone since the last time where one is asked again
+#: least s between a request and its repeat
 EARLIEST = 0.9 * AGAIN
-#: s; a question that seems older than this is of a computer whose clock is off, and is done
+#: s; a request that appears older comes from a computer with a wrong clock, and is executed
 OLDEST = 60.0
 
 
 class Answers:
-    """What a service has answered last, and who waits for what it does now.
+    """The last answer of a service, and the requests that the current work will answer.
 
     Parameters
     ----------
     wall : callable
-        ns of the clock that stamps questions.
+        Clock that stamps requests, ns.
     """
 
     def __init__(self, wall=time.time_ns):
@@ -51,28 +51,28 @@ class Answers:
         self._waiting = None  # headers of the questions that the work under way answers
 
     def take(self, request, header):
-        """A question: is it to be worked on? `given` or `failed` follows then.
+        """Take a request; if it is to be executed, `given` or `failed` must follow.
 
         Parameters
         ----------
         request
-            Of the service.
+            Request of the service.
         header
-            With ``source_timestamp``, when it was sent, ns of the asker's clock, and
-            ``request_id.sequence_number`` of its asker.
+            With ``source_timestamp``, the time of sending, ns of the client's clock, and
+            ``request_id.sequence_number``, counted by the client.
 
         Returns
         -------
         work : bool
         response
-            What is to be answered at once; None for nothing.
+            Answer to be sent at once; None if there is none.
         """
         same = request == self._request
         if self._waiting is not None:
             if same:
                 self._waiting.append(header)
                 return False, None
-            return True, None  # other work of the same service, beside this one
+            return True, None  # another request of the same service, concurrent
         sent = header.source_timestamp
         if same and (self._given - round(OLDEST * 1e9) < sent <= self._given
                      or self._passed(header)):
@@ -82,7 +82,7 @@ class Answers:
         return True, None
 
     def _passed(self, header):
-        """Whether a question seems to be the last one again, sent before its answer came."""
+        """Whether a request seems to repeat the last one, sent before its answer arrived."""
         if self._last is None:
             return False
         sent, before = header.source_timestamp, self._last.source_timestamp
@@ -91,12 +91,12 @@ class Answers:
                 == self._last.request_id.sequence_number + 1)
 
     def given(self, response, header):
-        """The work on the question with `header` is done.
+        """The work for the request with `header` is done.
 
         Returns
         -------
         list
-            Headers of the questions that `response` answers.
+            Headers of the requests that `response` answers.
         """
         if self._waiting is None or header is not self._waiting[0]:
             return [header]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Signals that end what runs in order: Ctrl-C, SIGTERM, and SIGHUP of a terminal that is closed."""
+"""Signals for a clean end: Ctrl-C, SIGTERM, and SIGHUP when a terminal is closed."""
 
 import signal
 
@@ -20,15 +20,15 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def on_end(handler):
-    """Have `handler` called at each of `ENDING`.
+    """Have `handler` called for each signal of `ENDING`.
 
-    Ctrl-C counts also where a shell without a terminal has a process ignore it: launch ends nodes
-    by that. SIGHUP does not where it is ignored (nohup).
+    Ctrl-C is also handled where a shell without a terminal makes a process ignore it, since launch
+    ends nodes with it. SIGHUP is not handled if it is ignored (nohup).
 
     Parameters
     ----------
     handler : callable
-        As of `signal.signal`.
+        See `signal.signal`.
     """
     for number in ENDING:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
