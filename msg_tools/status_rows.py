@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The rows of status messages that programs read: one description for writers and readers.
+"""Rows of status messages for programs: one description for writers and readers.
 
-Whatever else is in a DiagnosticStatus is for people and may be worded anew at any time. The
-rows about endpoints, which `/endpoints` carries, are those of `readiness`.
+All other contents of a DiagnosticStatus are for people and may change at any time. The rows about
+endpoints on `/endpoints` are described in `readiness`.
 """
 
 import json
@@ -25,36 +25,35 @@ from typing import NamedTuple
 #: rows of `calibration/status`, see `Taken`
 OBSERVATIONS, POWER_ONS, FORGOTTEN, NEWEST = ('observations', 'kept_power_ons', 'forgotten',
                                               'newest_ns')
-#: rows of `calibration/status` after an observer came that knows nothing of the night: observations
-#: on `calibration/table`, and where its plan stood
+#: rows of `calibration/status` for a restarted observer: number of observations on
+#: `calibration/table`, and the progress of its plan
 GIVEN_BACK, PLAN_LEFT = 'given_back', 'plan_left'
 
 
 @dataclass
 class Progress:
-    """How far a plan is: the rows of `observer/status`, with the names of these fields.
+    """Progress of a plan: the rows of `observer/status`, with the names of these fields.
 
     Attributes
     ----------
     state : str
         ``waiting``, ``observing``, ``done``, ``failed`` or ``cancelled``.
     step : str
-        Of the plan.
+        Current step of the plan.
     block : int
-        Its number.
+        Number of the current block.
     done, total : int
-        Exposures of it.
+        Exposures in it.
     observations, lost : int
-        Rows published, stars not found, of the whole plan.
+        Rows published, and stars not found, in the whole plan.
     run : int
         Number of the power-on.
     plan : str
         All steps, separated by commas; '' in older logs.
     refused : int
-        Targets that the guard refused, of the whole plan; 0 in older logs.
+        Targets refused by the guard in the whole plan; 0 in older logs.
     forgotten : int
-        Rows published of power-ons so long ago that the observer does not keep them; 0 in older
-        logs.
+        Rows published in power-ons so old that the observer has dropped them; 0 in older logs.
     """
 
     state: str = 'waiting'
@@ -71,21 +70,21 @@ class Progress:
 
     @property
     def steps(self):
-        """How many the plan has."""
+        """Number of steps in the plan."""
         return sum(bool(part.strip()) for part in self.plan.split(','))
 
     def rows(self):
-        """Key and value of each row, dict."""
+        """Keys and values of the rows, dict."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def read(cls, message):
-        """The way back from a DiagnosticStatus with `rows`; None, before the first, is all zero.
+        """The inverse of `rows`, from a DiagnosticStatus; None, before the first, gives zeros.
 
         Raises
         ------
         ValueError
-            A row is missing, or no number.
+            A row is missing, or not a number.
         """
         if message is None:
             return cls()
@@ -95,18 +94,18 @@ class Progress:
 
 
 class Taken(NamedTuple):
-    """Observations that the calibration has taken.
+    """Observations received by the calibration.
 
     Attributes
     ----------
     kept : int
-        That it has.
+        Number of observations it has now.
     power_ons : int
-        They are of the last so many power-ons; 0: of all.
+        Number of last power-ons that these come from; 0: all.
     forgotten : int
-        That it had before.
+        Number of observations it has dropped.
     newest : int
-        Stamp of the newest, ns; 0: there is none, or it does not report it.
+        Stamp of the newest, ns; 0: there is none, or it is not reported.
     """
 
     kept: int = 0
@@ -115,24 +114,24 @@ class Taken(NamedTuple):
     newest: int = 0
 
     def has(self, count, newest):
-        """Whether it has so many of the power-ons that it keeps, the newest of that stamp (ns).
+        """Whether it has `count` observations of its power-ons, the newest with that stamp (ns).
 
-        By their number alone it could not be determined: with a new power-on it becomes less.
+        The count alone is not enough: it becomes smaller at a new power-on.
         """
         return self.kept >= count and (self.newest >= newest or not self.newest)
 
     def rows(self):
-        """Key and value of each row, dict."""
+        """Keys and values of the rows, dict."""
         return dict(zip((OBSERVATIONS, POWER_ONS, FORGOTTEN, NEWEST), self))
 
     @classmethod
     def read(cls, message):
-        """The way back from a DiagnosticStatus with `rows`; None, before the first, is all 0.
+        """The inverse of `rows`, from a DiagnosticStatus; None, before the first, gives zeros.
 
         Raises
         ------
         ValueError
-            It does not say, or is no number.
+            A row is missing, or not a number.
         """
         if message is None:
             return cls()
@@ -142,14 +141,14 @@ class Taken(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """How far long work is: rows of `calibration/status` while a diagnosis is under way.
+    """Progress of long work: rows of `calibration/status` during a diagnosis.
 
     Attributes
     ----------
     stage : str
-        What is done now; '' where it is not reported.
+        Current stage; '' if not reported.
     done, total : int
-        Its parts; of 0 nobody knows how many there are.
+        Its parts; a total of 0 is unknown.
     """
 
     stage: str = ''
@@ -161,12 +160,12 @@ class Stage(NamedTuple):
 
     @classmethod
     def read(cls, message):
-        """That of a DiagnosticStatus with rows of these names; None where it has none.
+        """The stage in a DiagnosticStatus with these rows; None if it has none.
 
         Raises
         ------
         ValueError
-            A row is missing, or no number.
+            A row is missing, or not a number.
         """
         rows = {row.key: row.value for row in message.values}
         if 'stage' not in rows:
@@ -175,14 +174,14 @@ class Stage(NamedTuple):
 
 
 def handover_rows(count, progress):
-    """Rows with which the calibration gives a night back to an observer that has lost it.
+    """Rows with which the calibration returns a night to an observer that has lost it.
 
     Parameters
     ----------
     count : int
-        Observations in the table that goes with them.
+        Number of observations in the accompanying table.
     progress : Progress or None
-        The last that was heard of the plan.
+        Last received progress of the plan.
 
     Returns
     -------
@@ -192,12 +191,12 @@ def handover_rows(count, progress):
 
 
 def handover(message):
-    """The way back from `handover_rows`.
+    """The inverse of `handover_rows`.
 
     Returns
     -------
     (int, Progress or None) or None
-        None where the status gives nothing back.
+        None if the status returns nothing.
 
     Raises
     ------

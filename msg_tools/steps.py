@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Work that waits for others: steps that are gone on with whenever something has changed.
+"""Work that waits for others: steps that continue whenever something has changed.
 
-Such work is a generator of conditions. Nothing here knows ROS, threads or sleep: whoever changes
-what a condition looks at (a message, a timer, the answer of a service) calls `Steps.advance`.
+Such work is a generator of conditions. Nothing here uses ROS, threads or sleep: any code that
+changes the input of a condition (a message, a timer, a service's answer) calls `Steps.advance`.
 """
 
 import time
@@ -24,7 +24,7 @@ from .service_retry import AGAIN, EARLIEST, PASSED
 
 
 class CallRefused(Exception):
-    """A step cannot be done; the text says why."""
+    """A step cannot be done; the text gives the reason."""
 
 
 class Steps:
@@ -33,9 +33,8 @@ class Steps:
     Parameters
     ----------
     ended : callable
-        Called with None when the work is finished, with the `CallRefused` or ValueError that ended
-        it
-        otherwise. Other errors of the work pass.
+        Called with None when the work has finished, otherwise with the `CallRefused` or ValueError
+        that ended it. Other exceptions of the work pass.
     """
 
     def __init__(self, ended):
@@ -46,34 +45,34 @@ class Steps:
 
     @property
     def busy(self):
-        """Whether there is work that has not ended."""
+        """Whether some work has not ended yet."""
         return self._work is not None
 
     def start(self, work):
-        """Take up `work`, a generator of callables that say whether it may go on.
+        """Set the next work, a generator of callables that return whether it may continue.
 
-        It begins with the next `advance`; RuntimeError while other work is under way.
+        It starts at the next `advance`; RuntimeError while other work is in progress.
         """
         if self.busy:
             raise RuntimeError('work is under way')
         self._work, self._wait = work, None
 
     def end(self, error):
-        """Give the work up: `ended` is called with `error`, a `CallRefused`."""
+        """Abort the work and call `ended` with `error`, a `CallRefused`."""
         work, self._work = self._work, None
         if work is not None:
             work.close()
             self._ended(error)
 
     def cancel(self):
-        """Give the work up, without a word to anybody."""
+        """Abort the work silently."""
         if self._work is not None:
             self._work.close()
         self._work = self._wait = None
 
     def advance(self):
-        """Go on as far as the conditions allow."""
-        if self._work is None or self._running:  # what a step sets off may call again
+        """Continue as far as the conditions allow."""
+        if self._work is None or self._running:  # actions of a step may call again
             return
         self._running = True
         try:
@@ -90,33 +89,33 @@ class Steps:
 
 
 def until(condition, what=''):
-    """The step that waits for `condition`; `what` is for those who tell people."""
+    """The step that waits for `condition`; `what` describes it for people."""
     yield condition
 
 
-#: so long one may take to answer that has done it, and is asked once only
+#: s for which a server that has done its work may take to answer; asked only once in that time
 PATIENCE = 20.0
-#: wall seconds between looks whether the server is there
+#: wall seconds between checks of the server
 _LOOK = 0.25
-#: attribute of a client: until when a new question might be taken for its last one
+#: attribute of a client: time before which a new request could be taken for a repeat of its last
 _TAKEN = 'questions_taken_for_the_last_until'
 
 
 class ServiceCall:
-    """A question that is asked until it is answered.
+    """A service request that is repeated until it is answered.
 
     Parameters
     ----------
     client, wake
-        As of `call`.
+        See `call`.
     effect : callable
-        Whether what was requested is seen to be done.
+        Whether the requested effect is observed.
     request
-        What is asked; by default nothing but the name of the service.
+        Request message; empty by default.
     patient : bool
-        Ask again only when the server was away: it may be at it, and might do it once more.
+        Repeat only after the server was away: it may be slow, and could execute a repeat.
     wall : callable
-        Seconds of a clock that goes on.
+        Steady clock, s.
     """
 
     def __init__(self, client, wake=lambda: None, effect=lambda: False, patient=False,
@@ -125,8 +124,8 @@ class ServiceCall:
         self._request = client.srv_type.Request() if request is None else request
         self._patient, self._wall = patient, wall
         self._futures, self._away, self._looked, self._done_at = [], False, 0.0, None
-        self._gone = None  # since when the server is
-        self._lost = False  # its answer; what was requested is done
+        self._gone = None  # since when the server is gone
+        self._lost = False  # whether its answer is; the effect is observed
         self._begin()
 
     def _begin(self):
@@ -147,21 +146,21 @@ class ServiceCall:
 
     @property
     def away(self):
-        """For how long the server has been away, s; 0 while it is there."""
+        """Time since the server disappeared, s; 0 while it is there."""
         return self._looked - self._gone if self._gone is not None else 0.0
 
     @property
     def times(self):
-        """How often it was asked."""
+        """Number of times the request was sent."""
         return len(self._futures)
 
     @property
     def answer(self):
-        """The first answer that came, None before."""
+        """The first answer, None before."""
         return next((future.result() for future in self._futures if future.done()), None)
 
     def over(self):
-        """Whether it is answered, or done; asks again where it is time to."""
+        """Whether it is answered or its effect observed; repeats the request when it is due."""
         if not self._futures:
             self._begin()
             return False
@@ -172,7 +171,7 @@ class ServiceCall:
             return False
         self._looked = now
         if not self._client.service_is_ready():
-            self._since, self._away = now, True  # what is latched comes first when it is back
+            self._since, self._away = now, True  # after its return latched messages come first
             self._gone = now if self._gone is None else self._gone
             return False
         self._gone = None
@@ -188,32 +187,32 @@ class ServiceCall:
 
 def call(verb, client, wake, wait=until, effect=lambda: False, patient=False, limit=0.0,
          wall=time.monotonic):
-    """The steps of a service call.
+    """Steps of a service call.
 
     Parameters
     ----------
     verb : str
-        What is requested, for people.
+        Name of the request, for people.
     client : rclpy.client.Client
-        Of a service whose answer has ``success`` and ``message`` (std_srvs/Trigger).
+        Client of a service whose answer has ``success`` and ``message`` (std_srvs/Trigger).
     wake : callable
-        Calls `Steps.advance`: no message need follow the answer.
+        Calls `Steps.advance`, since no message need follow the answer.
     wait : callable
-        ``wait(condition, what)`` gives the steps that wait for something.
+        ``wait(condition, what)`` returns the steps that wait for something.
     effect, patient, wall
-        As of a `ServiceCall`.
+        See `ServiceCall`.
     limit : float
-        s for which nobody may offer the service; 0: for ever.
+        s to wait while nobody offers the service; 0: forever.
 
     Returns
     -------
     str
-        Its answer, after `verb`.
+        The answer, after `verb`.
 
     Raises
     ------
     CallRefused
-        The answer is no, or nobody offers the service.
+        The answer is negative, or nobody offers the service.
     """
     begin = wall()
     yield from wait(lambda: client.service_is_ready() or 0.0 < limit < wall() - begin,

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Signs for a terminal or a file that cannot write them."""
+"""Replaces characters that a terminal or file cannot encode."""
 
 import codecs
 import unicodedata
 
-#: what is written where a sign cannot be
+#: replacements of characters
 SPELLED = {
     '″': '"', '′': "'", '°': ' deg', 'σ': 'sigma', 'µ': 'u', 'μ': 'u', '±': '+-', '−': '-',
     '–': '-', '—': '-', '…': '...', 'Δ': 'd', 'δ': 'declination', 'φ': 'latitude', 'χ': 'chi',
@@ -28,19 +28,19 @@ SPELLED = {
 
 
 def spelled(text, encoding):
-    """A text as `encoding` can write it: ″ as ", σ as sigma; what nothing stands for as ?.
+    """A text as `encoding` can write it: ″ as ", σ as sigma; characters without replacement as ?.
 
     Parameters
     ----------
     text : str
     encoding : str
-        Of a terminal or file, as ``ascii``.
+        Encoding of a terminal or file, for instance ``ascii``.
     """
     return text.encode(encoding, _HANDLER).decode(encoding)
 
 
 def spell_out(stream):
-    """Have a text stream spell what its encoding cannot write, where it can be told to."""
+    """Make a text stream replace characters that it cannot encode, if it can be reconfigured."""
     if hasattr(stream, 'reconfigure'):
         stream.reconfigure(errors=_HANDLER)
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 
 class Quality(NamedTuple):
-    """A quality of service: what `make_qos` takes. Names of topics are read without ROS, too."""
+    """Quality of service: the arguments of `make_qos`, usable without ROS."""
 
     depth: int
     reliable: bool = True
@@ -34,7 +34,7 @@ def _profile(quality):
 
 
 def make_qos(depth, *, reliable=True, latched=False):
-    """Keep so many messages; reliable or best effort; the last ones for who comes late, or not."""
+    """A QoS profile that keeps `depth` messages; `latched`: late subscribers get the last ones."""
     from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
@@ -69,12 +69,12 @@ class Topic:
     type : str
         As in ``ros2 topic list -t``, for instance ``sensor_msgs/msg/JointState``.
     quality : Quality or rclpy.qos.QoSProfile
-        What both sides ask for; a user may override it by parameter.
+        Quality of service of both sides; a user may override it by parameter.
     many : bool
-        Whether several nodes may publish it; else one that starts beside another ends.
+        Whether several nodes may publish it; otherwise a second publisher ends at its start.
     computed : bool
-        Whether the nodes that a replay feeds make it anew: what they compute, and say of
-        themselves.
+        Whether the nodes fed by a replay publish it themselves: results and reports of their own
+        state.
     """
 
     name: str
@@ -85,7 +85,7 @@ class Topic:
 
     @property
     def qos(self):
-        """The rclpy.qos.QoSProfile; those of one quality share theirs."""
+        """The rclpy.qos.QoSProfile, one shared object per quality."""
         return _profile(self.quality) if isinstance(self.quality, Quality) else self.quality
 
     @property
@@ -95,16 +95,16 @@ class Topic:
 
     @property
     def latched(self):
-        """Whether a late subscriber still gets the last message."""
+        """Whether late subscribers still get the last message."""
         if isinstance(self.quality, Quality):
             return self.quality.latched
         return self.quality.durability.name == 'TRANSIENT_LOCAL'
 
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE, computed=True)
-# what commanders ask for; the guard checks it, and it alone publishes `command`
+# trajectories requested by commanders; only the guard publishes `command`, after checking them
 REQUEST = Topic('request', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
-# who asks: its node, and the stamp of the request, ns
+# node that made the request, and the stamp of the request, ns
 REQUEST_OWNER = Topic('request/owner', 'diagnostic_msgs/msg/KeyValue', HISTORY, many=True)
 GUARD_STATUS = Topic('guard/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
@@ -117,16 +117,16 @@ INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DE
 INCREMENTAL_POWER_ON = Topic(
     'incremental/power_on', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED)
 HOMING = Topic('incremental/homing', 'sensor_msgs/msg/PointCloud2', LATCHED)
-# Velocities are of the encoders' own readings: NaN where one reading alone gives none.
+# velocities are measured by the encoders: NaN if one reading alone gives none
 ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_POWER_ON = Topic('absolute/power_on', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED)
-# The same angles with their covariance, as the image alone gives it. Older logs have the standard
-# errors, rad, as positions of `absolute/sigma`, sensor_msgs/msg/JointState.
+# the same angles with their covariance, from the image alone. Older logs have the standard errors,
+# rad, as positions of `absolute/sigma`, sensor_msgs/msg/JointState
 ABSOLUTE_POSE = Topic('absolute/pose', 'geometry_msgs/msg/PoseWithCovarianceStamped', DEEP)
 ABSOLUTE_FRAME = Topic('absolute/frame', 'sensor_msgs/msg/Image', SENSOR)
 MISS_DISTANCE = Topic('camera/miss_distance', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
 AMBIENT = Topic('ambient/temperature', 'sensor_msgs/msg/Temperature', HISTORY)
-# what the base leans to the north (x) and to the west (y), rad; from any origin
+# tilt of the base to the north (x) and to the west (y), rad; with arbitrary origin
 INCLINOMETER = Topic('inclinometer', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
 OBSERVATION = Topic('observation', 'sensor_msgs/msg/PointCloud2', DEEP)
 OBSERVATIONS = Topic('observations', 'sensor_msgs/msg/PointCloud2', LATCHED)
@@ -139,39 +139,39 @@ PLAN_FEEDBACK = Topic(
     'observer/plan/feedback', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
 CHECKS = Topic('observer/checks', 'std_msgs/msg/String', LATCHED, computed=True)
 ZERO = Topic('zero', 'sensor_msgs/msg/JointState', LATCHED, computed=True)
-# of which power-on and model it is: see pointing_model/calibration_messages.py
+# its power-on and model: see pointing_model/calibration_messages.py
 ZERO_IDENTITY = Topic(
     'zero/identity', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
-# the zero's angles with their covariance: where the encoders say that axes at rest are
+# the same angles with their covariance: encoder readings of axes at rest
 ZERO_POSE = Topic(
     'zero/pose', 'geometry_msgs/msg/PoseWithCovarianceStamped', LATCHED, computed=True)
-# by how much the zero will have changed since the power-on before, before Polaris is seen
+# expected change of the zero since the previous power-on, before Polaris is observed
 ZERO_EXPECTED = Topic(
     'zero/expected_change', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
 MODEL = Topic('model', 'std_msgs/msg/String', LATCHED, computed=True)
 DIAGNOSIS = Topic('diagnosis', 'std_msgs/msg/String', LATCHED, computed=True)
 CALIBRATION_REPORT = Topic('calibration/report', 'std_msgs/msg/String', LATCHED, computed=True)
-# terms, zero, RMS and expected error as numbers, and what the model leaves of each star: for plots
+# terms, zero, RMS and expected error as numbers, and residuals of each star: for plots
 CALIBRATION_FIGURES = Topic(
     'calibration/figures', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
 CALIBRATION_RESIDUALS = Topic(
     'calibration/residuals', 'sensor_msgs/msg/PointCloud2', LATCHED, computed=True)
-# the same of each star, a message for each with the star's stamp: as series
+# residuals as one message per star, with its stamp: for time series
 CALIBRATION_RESIDUAL = Topic('calibration/residual', 'geometry_msgs/msg/Vector3Stamped',
                              Quality(DEEP.depth, latched=True), computed=True)
 CALIBRATION_STATUS = Topic(
     'calibration/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
-# the rows of the night, for an observer that was started anew and has none
+# the rows of the night, for an observer that was restarted and has none
 CALIBRATION_TABLE = Topic(
     'calibration/table', 'sensor_msgs/msg/PointCloud2', LATCHED, computed=True)
-# what the last star said to a model that is tracked, JSON
+# effect of the last star on a model that is tracked, JSON
 TRACKING = Topic('tracking', 'std_msgs/msg/String', LATCHED, computed=True)
-# how causes that a diagnosis leaves open stand, and the star that would tell most, JSON
+# probabilities of the causes that a diagnosis leaves open, and the most informative star, JSON
 DISCRIMINATION = Topic('apart', 'std_msgs/msg/String', LATCHED, computed=True)
 TARGET = Topic('target', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
 DEMAND = Topic('demand', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, computed=True)
 DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABLE, computed=True)
-# model and zero as one: JSON, see pointing_model/calibration_messages.py
+# model and zero together: JSON, see pointing_model/calibration_messages.py
 ACTIVE = Topic('in_force', 'std_msgs/msg/String', LATCHED, computed=True)
 DIAGNOSTICS = Topic(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE, many=True, computed=True)
@@ -180,12 +180,12 @@ ENDPOINTS = Topic(
 
 ALL = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
 
-# pictures of what the others say, which no log needs: for RViz and Foxglove, from `mount_display`
+# display data, which no log needs: for RViz and Foxglove, from `mount_display`
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, computed=True)
 JOINTS = Topic('joint_states', 'sensor_msgs/msg/JointState', RELIABLE, computed=True)
 MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', RELIABLE, computed=True)
 
 COMPUTED = tuple(value for value in list(globals().values())
                  if isinstance(value, Topic) and value.computed)
-#: what a replay leaves out unless it is named: what is computed, and what would move a mount
+#: what a replay leaves out unless it is named: computed topics, and those that would move a mount
 NOT_REPLAYED = (*COMPUTED, REQUEST, REQUEST_OWNER, COMMAND)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Conversions that every module shares. Angles in memory are radians."""
+"""Conversions shared by all modules. Angles in memory are radians."""
 
 import numpy as np
 
@@ -37,25 +37,25 @@ def wrap(angle):
 
 
 def all_finite(values):
-    """Whether every value of an array of floats is finite; of few in a third of numpy's time."""
+    """Whether all values of a float array are finite; 3 times faster than numpy for few."""
     square = float(np.vdot(values, values))
     return square - square == 0.0 or bool(np.isfinite(values).all())
 
 
 def covered(angles):
-    """The arc that angles cover: all of the circle but the largest gap between two of them.
+    """The arc that angles cover: the circle without the largest gap between neighbours.
 
     Parameters
     ----------
     angles : ndarray, shape (n,)
-        Radians, one at least.
+        Radians, at least one.
 
     Returns
     -------
     start : float
-        Where it begins, radians in [0, 2 pi).
+        Start of the arc, radians in [0, 2 pi).
     span : float
-        How far it goes from there, radians; 0 of one angle.
+        Length of the arc, radians; 0 for one angle.
     """
     places = np.sort(np.mod(angles, 2.0 * np.pi))
     gaps = np.diff(places, append=places[0] + 2.0 * np.pi)
@@ -64,7 +64,7 @@ def covered(angles):
 
 
 def even_sample(values, most):
-    """At most so many of some values, evenly.
+    """At most `most` of some values, evenly spaced.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def even_sample(values, most):
     Returns
     -------
     ndarray
-        The first and the last are among them.
+        Includes the first and the last value.
     """
     if len(values) <= most:
         return values

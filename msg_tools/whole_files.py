@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that are written whole or not at all: beside their place, and put there at the end."""
+"""Files that are written completely or not at all: to a temporary file, then renamed."""
 
 import errno
 import os
@@ -20,7 +20,7 @@ import shutil
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-#: what a user can do about what a disk or a file system has against writing
+#: advice for the user on errors of a disk or a file system
 _ADVICE = {
     errno.ENOSPC: 'No space left on device; free some, or write elsewhere',
     errno.EDQUOT: 'Disk quota exceeded; free some, or write elsewhere',
@@ -37,10 +37,10 @@ def reason(error):
 
 @contextmanager
 def beside(path):
-    """A path to write to; at the end what was written there takes the place of `path`.
+    """A temporary path to write to, which replaces `path` at the end.
 
-    Where it cannot be written whole, what was at `path` before stays, and nothing beside it. What
-    is no file (``/dev/stdout``, a pipe) is written directly.
+    If writing fails, an old file at `path` stays, and the temporary file is removed. Anything but
+    a regular file (``/dev/stdout``, a pipe) is written directly.
 
     Parameters
     ----------
@@ -49,18 +49,18 @@ def beside(path):
     Raises
     ------
     OSError
-        It cannot be written; with `path` as its name.
+        It cannot be written; `path` is its file name.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
         yield path
         return
-    place = Path(os.path.realpath(path))  # a link stays one
+    place = Path(os.path.realpath(path))  # a link remains a link
     part = place.with_name(f'.{place.name}.{os.getpid()}.part')
     try:
         yield part
         with open(part, 'rb+') as file:
-            os.fsync(file.fileno())  # some disks refuse only here
+            os.fsync(file.fileno())  # some disks report errors only here
         if place.exists():
             shutil.copymode(place, part)
         os.replace(part, place)
@@ -73,18 +73,18 @@ def beside(path):
 
 
 def write_text(path, text):
-    """Write a text file (UTF-8), whole or not at all; OSError as of `beside`."""
+    """Write a text file (UTF-8) completely or not at all; OSError as in `beside`."""
     with beside(path) as part:
         part.write_text(text, encoding='utf-8')
 
 
 def tried(incomplete, path, write):
-    """Write one of several outputs, and go on without it where it cannot be written.
+    """Write one of several outputs; continue without it if it cannot be written.
 
     Parameters
     ----------
     incomplete : list of str
-        Gets a line then, with the path and why.
+        Gets a line with the path and the reason on failure.
     path : Path
     write : callable
         ``write(path)``.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the messages that a logger receives go: two bags, by way of clock, pause and snapshot."""
+"""Distributes a logger's messages to two bags, with clock, pause and snapshot."""
 
 import json
 from collections import deque
@@ -20,19 +20,19 @@ from collections import deque
 from ..whole_files import reason
 from .metadata import is_truth
 
-#: bytes that may wait for the first /clock before they are written with their sources' times
+#: most bytes that wait for the first /clock before they are written with their source times
 BEFORE_CLOCK = 64 * 2**20
 #: prefix of the MCAP metadata record with the parameters of a node
 RECORD = 'parameters '
 
 
 class Ring:
-    """The newest messages, up to a number of bytes, for a snapshot.
+    """The newest messages, up to a total size, for a snapshot.
 
     Parameters
     ----------
     limit : int
-        Bytes of their data.
+        Most bytes of their data.
     """
 
     def __init__(self, limit):
@@ -41,14 +41,14 @@ class Ring:
         self._size = 0
 
     def add(self, row, size):
-        """Take a message; the oldest make room."""
+        """Add a message; the oldest ones are dropped if needed."""
         self._rows.append((row, size))
         self._size += size
         while self._size > self._limit and len(self._rows) > 1:
             self._size -= self._rows.popleft()[1]
 
     def take(self):
-        """All messages, oldest first; the ring is empty afterwards."""
+        """Return all messages, oldest first, and empty the ring."""
         rows = [row for row, _ in self._rows]
         self._rows.clear()
         self._size = 0
@@ -61,24 +61,24 @@ class BagPair:
     Parameters
     ----------
     make_bag : callable
-        ``make_bag(folder)`` gives a `BagWriter`.
+        ``make_bag(folder)`` returns a `BagWriter`.
     folder, truth_folder : str
-        The second is made when there is something for it.
+        The second is created when it is needed.
     log
         Has ``warning(text)`` and ``error(text)``.
     snapshot_bytes : int
-        Keep so much in memory and write it only when asked; 0: write all.
+        Keep so much in memory and write it only on request; 0: write everything.
 
     Attributes
     ----------
     bag : BagWriter
-        The first.
+        The first bag.
     error : str or None
-        Why one of them, or both, has stopped; the other goes on.
+        Why one or both of them have stopped; the other continues.
     written : int
-        Messages.
+        Number of messages.
     parameters : dict
-        Node name -> parameters, as of `add_parameters`.
+        Node name -> parameters, see `add_parameters`.
     """
 
     def __init__(self, make_bag, folder, truth_folder, log, snapshot_bytes=0):
@@ -89,24 +89,24 @@ class BagPair:
         self._before_clock, self._before_size = [], 0
         self._bag_of = {}
         self._truth_bag = None
-        self._stopped = {}  # bag -> why
+        self._stopped = {}  # bag -> reason
         self.written, self.parameters = 0, {}
         self.bag = make_bag(folder)
 
     @property
     def error(self):
-        """What disks have refused, None for nothing."""
+        """Errors of disks, None if there are none."""
         return '; '.join(f'{bag.folder.name}: recording stopped: {why}'
                          for bag, why in self._stopped.items()) or None
 
     @property
     def state(self):
-        """For people, one word."""
+        """State in one word, for people."""
         return 'stopped' if self.bag in self._stopped else 'paused' if self._paused else (
             'snapshot' if self._ring is not None else 'recording')
 
     def add_topic(self, name, type_name, offers, hash_):
-        """Declare a topic: arguments and errors are those of `BagWriter.add_topic`."""
+        """Declare a topic: arguments and errors as in `BagWriter.add_topic`."""
         bag = self.bag
         if is_truth(name):
             if self._truth_bag is None:
@@ -120,9 +120,9 @@ class BagPair:
     # --- messages ---------------------------------------------------------------------------
 
     def take(self, name, data, log_time, publish_time, sequence, latched):
-        """A message; `log_time` is 0 as long as simulated time has not begun."""
+        """Take a message; `log_time` is 0 until simulated time begins."""
         if log_time <= 0:
-            # under simulated time nothing has a time of reception before the first /clock
+            # with simulated time nothing has a time of reception before the first /clock
             self._before_clock.append((name, data, publish_time, sequence, latched))
             self._before_size += len(data)
             if self._before_size > BEFORE_CLOCK:
@@ -136,12 +136,12 @@ class BagPair:
     def _write_before(self, now):
         waiting, self._before_clock, self._before_size = self._before_clock, [], 0
         for name, data, publish_time, sequence, latched in waiting:
-            # where no /clock ever came the source's time is the best there is
+            # without any /clock the source's time is the best available
             when = max(0, publish_time) if now is None else now
             self._sort((name, data, when, publish_time, sequence), latched)
 
     def _sort(self, entry, latched):
-        """Write, keep for a snapshot, or leave out while paused."""
+        """Write a message, keep it for a snapshot, or skip it while paused."""
         if self._paused:
             if latched:
                 self._held[entry[0]] = entry
@@ -167,7 +167,7 @@ class BagPair:
         return [bag for bag in (self.bag, self._truth_bag) if bag is not None]
 
     def _guard(self, call):
-        """Do something with every bag that has not stopped; False after a disk has refused."""
+        """Call a function for every bag that has not stopped; False if one has stopped."""
         for bag in self._bags():
             try:
                 if bag not in self._stopped:
@@ -182,13 +182,13 @@ class BagPair:
                         'is safe')
 
     def flush(self):
-        """Close the chunks, so that a crash spares them; does not wait for the disk."""
+        """Close the chunks, so that they survive a crash; does not wait for the disk."""
         self._guard(lambda bag: bag.refresh(wait=False))
 
     def add_parameters(self, node, values, truth=()):
-        """A metadata record with the parameters of a node, in both bags.
+        """Write a metadata record with the parameters of a node into both bags.
 
-        Those named in `truth` are of the simulator's truth and stand in its bag alone.
+        Parameters named in `truth` belong to the simulator's truth and are written only to its bag.
         """
         self.parameters[node] = values
         public = {name: text for name, text in values.items() if name not in truth}
@@ -196,16 +196,16 @@ class BagPair:
             RECORD + node, public if bag is self.bag else values))
 
     def attach(self, name, media_type, data):
-        """An attachment of the first bag."""
+        """Add an attachment to the first bag."""
         self._guard(lambda bag: bag is self.bag and bag.add_attachment(name, media_type, data))
 
     def close(self, *attachments):
-        """Write what waits, `attachments` (as of `attach`), index and metadata.
+        """Write waiting messages, `attachments` (see `attach`), index and metadata.
 
         Raises
         ------
         OSError
-            A bag is not whole.
+            A bag is incomplete.
         """
         self._write_before(None)
         for attachment in attachments:
@@ -226,7 +226,7 @@ class BagPair:
         return True, f'paused after {self.written} messages'
 
     def resume(self):
-        """Go on, with what is latched and came meanwhile."""
+        """Continue, with the latched messages that arrived meanwhile."""
         self._paused = False
         held, self._held = self._held, {}
         for entry in held.values():
@@ -234,17 +234,17 @@ class BagPair:
         return True, f'recording; {len(held)} latched messages that came meanwhile are taken'
 
     def is_paused(self):
-        """Whether `pause` was the last."""
+        """Whether it is paused."""
         return self._paused, 'paused' if self._paused else 'recording'
 
     def split_bagfile(self):
-        """Go on in new files."""
+        """Continue in new files."""
         if not self._guard(lambda bag: bag.split()):
             return False, self.error
         return True, f'recording goes on in {self.bag.file.name}'
 
     def snapshot(self):
-        """Write what is kept in memory."""
+        """Write the messages kept in memory."""
         if self._ring is None:
             return False, 'not in snapshot mode; start the logger with snapshot_mb above 0'
         rows = self._ring.take()
@@ -261,9 +261,9 @@ def parameters_of(metadata, suffix):
     Parameters
     ----------
     metadata : dict of str to dict
-        As `BagReader.metadata`.
+        See `BagReader.metadata`.
     suffix : str
-        As ``/calibration``.
+        For instance ``/calibration``.
 
     Returns
     -------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""An MCAP file while it is written: one write to the disk for each chunk with its index."""
+"""An MCAP file being written: each chunk is written to the disk at once, with its index."""
 
 import os
 import struct
@@ -42,33 +42,33 @@ def _bytes(record):
 
 
 class McapFile:
-    """Writes schemas and channels in the open, so that no damaged chunk takes them along.
+    """Writes schemas and channels outside chunks, so that a damaged chunk does not affect them.
 
     Parameters
     ----------
     path : Path
         Must not exist.
     library : str
-        Who writes, for the header.
+        Writing library, for the header.
     chunk_size : int
         Bytes (before compression) after which a chunk is closed.
     compression : str
-        Of `compression.COMPRESSORS`.
+        One of `compression.COMPRESSORS`.
 
     Attributes
     ----------
     size : int
-        Bytes of whole records written so far.
+        Bytes of complete records written so far.
     pending : int
-        Bytes of the chunk that is not written yet.
+        Bytes of the chunk that has not been written yet.
     counts : dict of int to int
-        Messages by channel.
+        Number of messages by channel.
     first, last : int
         Log times, ns; `NEVER` and 0 without messages.
 
     Notes
     -----
-    After an OSError the file ends with the last whole record again.
+    After an OSError the file is truncated to the last complete record.
     """
 
     def __init__(self, path, library, *, chunk_size=CHUNK_SIZE, compression=DEFAULT_COMPRESSION):
@@ -93,7 +93,7 @@ class McapFile:
     def _write(self, data):
         view = memoryview(data)
         try:
-            while view:  # a full disk takes a part before it refuses
+            while view:  # a full disk writes a part before it fails
                 view = view[self._stream.write(view):]
         except OSError as error:
             self._stream.truncate(self.size)
@@ -103,7 +103,7 @@ class McapFile:
         self.size += len(data)
 
     def add_schema(self, name, data, encoding='ros2msg'):
-        """Write a schema; its number."""
+        """Write a schema; return its number."""
         number = len(self._schemas) + 1
         record = _bytes(records.Schema(id=number, name=name, encoding=encoding, data=data))
         self._write(record)
@@ -111,7 +111,7 @@ class McapFile:
         return number
 
     def add_channel(self, topic, schema, metadata):
-        """Write a channel; its number."""
+        """Write a channel; return its number."""
         number = len(self._channels) + 1
         record = _bytes(records.Channel(
             id=number, schema_id=schema, topic=topic, message_encoding='cdr', metadata=metadata))
@@ -122,7 +122,7 @@ class McapFile:
         return number
 
     def add(self, channel, data, log_time, publish_time, sequence):
-        """Append a message to the chunk; bytes and ns since 1970."""
+        """Append a message to the chunk; times in ns since 1970."""
         size = len(data)
         self._index[channel].extend((log_time, self.pending))
         self._parts.append(
@@ -137,7 +137,7 @@ class McapFile:
             self.close_chunk()
 
     def close_chunk(self):
-        """Write what is pending, with its index; nothing if there is nothing."""
+        """Write the pending chunk with its index, if there is one."""
         if not self.pending:
             return
         raw = b''.join(self._parts)
@@ -161,7 +161,7 @@ class McapFile:
             message_index_length=end - self.size - len(chunk), compression=self._compression,
             compressed_size=len(data), uncompressed_size=len(raw)))
         counts = {channel: len(rows) // 2 for channel, rows in self._index.items() if rows}
-        # whatever the disk says now, this chunk is done with
+        # drop this chunk even if the disk fails now
         self._parts, self.pending = [], 0
         self._chunk_first, self._chunk_last = NEVER, 0
         for channel in counts:
@@ -190,11 +190,11 @@ class McapFile:
         self._attachments.append(_bytes(index))
 
     def sync(self):
-        """Wait until all that was written is on the disk."""
+        """Wait until all written data are on the disk."""
         os.fsync(self._stream.fileno())
 
     def duplicate(self):
-        """A file descriptor to sync by in another thread; the caller closes it."""
+        """A duplicate file descriptor for syncing in another thread; the caller closes it."""
         return os.dup(self._stream.fileno())
 
     def finish(self):
@@ -227,5 +227,5 @@ class McapFile:
         self.close()
 
     def close(self):
-        """Close the file as it is."""
+        """Close the file without finishing it."""
         self._stream.close()

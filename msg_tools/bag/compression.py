@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How the chunks of a log are compressed, and unpacked, whatever a damaged or hostile file says."""
+"""Compression of the chunks of a log; decompression is safe for damaged or hostile files."""
 
 import re
 import struct
@@ -21,22 +21,22 @@ import zlib
 import lz4.frame
 import zstandard
 
-#: by the name that a parameter gives; 'none' is '' in the file
+#: by the parameter's value; 'none' is '' in the file
 COMPRESSORS = {'zstd': zstandard.ZstdCompressor(level=1).compress, 'lz4': lz4.frame.compress,
                'none': bytes}
 DEFAULT_COMPRESSION = 'zstd'
-#: what zstd begins with, and no message of ROS; and names of files end with: rosbag2 may record so
+#: first bytes of zstd data, which no ROS message has, and ending of packed files: rosbag2 options
 PACKED, PACKED_FILE = b'\x28\xb5\x2f\xfd', '.zstd'
-#: a chunk that claims more than this is not believed (the usual size is 1 MiB)
+#: largest plausible size of a chunk (the usual size is 1 MiB)
 MAX_CHUNK = 128 * 2**20
-#: a chunk record whose compression is named, or whose two sizes agree; the length is below 2**40
+#: a chunk record with a known compression, or with two equal sizes; the length is below 2**40
 CHUNK_HEAD = re.compile(
     rb'\x06.{5}\0\0\0(?=.{16}(.{5}\0\0\0).{4}'
     rb'(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0\1))', re.DOTALL)
 
 
 def decompress(data, compression, size):
-    """At most `size` bytes of `data`; fewer where it was cut."""
+    """At most `size` bytes of decompressed `data`; fewer if it was cut off."""
     if size > MAX_CHUNK:
         raise ValueError(f'a chunk claims {size} bytes, more than {MAX_CHUNK}')
     if compression == '':
@@ -54,14 +54,14 @@ def decompress(data, compression, size):
 
 
 def by_checksum(body, most):
-    """The records in a chunk whose head is damaged, where its checksum is right; else None.
+    """Records in a chunk with a damaged head, if its checksum is correct; else None.
 
     Parameters
     ----------
     body : bytes
-        Of the chunk record, as long as it is.
+        Complete body of the chunk record.
     most : int
-        Bytes that it may hold.
+        Largest uncompressed size.
 
     Returns
     -------

@@ -38,18 +38,18 @@ from .mcap_records import (
 from .scan import LogScan, indexes_at
 from .writer import REPEATED_RECORD, STOPPED_RECORD
 
-#: a file that expands to more than this and `EXPANSION` times its size is a bomb
+#: a file that expands to more than this plus `EXPANSION` times its size is refused as a zip bomb
 MIN_EXPANDED, EXPANSION = 256 * 2**20, 300
-#: so is one with more records than this and a byte of its size for each
+#: the same for a file with more records than this plus one for each byte of its size
 MIN_RECORDS = 300_000
-#: metadata records above this are left alone
+#: largest metadata record that is read
 MAX_METADATA = 16 * 2**20
-#: bytes that a chunk with a damaged head may hold, where no index gives it
+#: largest uncompressed size of a chunk with a damaged head, if no index gives it
 MAX_MENDED = 2**24
 
 
 class AttachmentInfo(NamedTuple):
-    """An attachment of a bag: its bytes are at `offset` of `file`."""
+    """An attachment of a bag; its data begin at `offset` of `file`."""
 
     name: str
     media_type: str
@@ -60,7 +60,7 @@ class AttachmentInfo(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """A chunk, or a row of messages outside of chunks; sorted by its first log time."""
+    """A chunk, or consecutive messages outside chunks; sorted by first log time."""
 
     start: int
     order: tuple
@@ -68,48 +68,48 @@ class Segment(NamedTuple):
     file: object
     offset: int
     length: int
-    chunk: bool  # a chunk record, else plain records
+    chunk: bool  # whether it is a chunk record; else plain records
     partial: bool
     channels: frozenset
-    expanded: int  # bytes that the index gives, 0 where it is not known
+    expanded: int  # uncompressed size by the index, 0 if unknown
 
 
 class BagFile:
-    """One MCAP file: its channels, and where its messages are.
+    """One MCAP file: its channels, and the positions of its messages.
 
     Parameters
     ----------
     path : Path
     number : int
-        Its place among the files of the bag.
+        Index among the files of the bag.
     before : BagFile, optional
-        The log that ends in the same file where this one begins.
+        The log in the same file that ends where this one begins.
 
     Attributes
     ----------
     begin : int
-        Where it begins in the file, to which all its offsets are relative.
+        Start of this log in the file, to which all its offsets are relative.
     rank : int
-        Which log of the file it is, from 1.
+        Number of the log within the file, from 1.
     follows : int or None
-        Where another log begins in the same file.
+        Start of another log in the same file.
     unchecked : bool
-        Whether messages were read that no checksum vouches for.
+        Whether messages without any checksum were read.
     indexed, closed : bool
-        Whether its index told where all is, and whether the end of its messages was found.
+        Whether it was read by its index, and whether the end of its messages was found.
     repeated : dict of str to int
-        Latched messages at its start that the file before has already, by topic.
+        Latched messages at its start that repeat those of the previous file, by topic.
     lost : list of Lost
-        What could not be read; where there is an index, damaged chunks come as they are met.
+        Unreadable parts; with an index, damaged chunks are added when they are read.
     mended : dict of int to str
-        Offsets of chunks that their checksum vouches for, and what is wrong with their heads.
+        Offsets of chunks with a correct checksum and a damaged head, and the damage.
 
     Raises
     ------
     ValueError
         Not an MCAP file.
     OSError
-        It may not be read.
+        It is not readable.
     """
 
     def __init__(self, path, number=0, before=None):
@@ -131,7 +131,7 @@ class BagFile:
         self.ended = self.unchecked = False
         size = path.stat().st_size
         self.size = size - self.begin
-        # of all logs in a file together
+        # over all logs in the file
         self._spent = self._expanded = 0 if before is None else before._expanded
         self._limit = MIN_EXPANDED + EXPANSION * size
         self.most = MIN_RECORDS + size if before is None else before.most
@@ -161,23 +161,23 @@ class BagFile:
             self.note(f'recording stopped: {own[STOPPED_RECORD].get("reason", "")[:120]}')
 
     def open(self):
-        """A stream of its bytes."""
-        stream = open(self.path, 'rb')  # noqa: SIM115 (who asks closes it)
+        """Open a stream of its bytes."""
+        stream = open(self.path, 'rb')  # noqa: SIM115 (the caller closes it)
         return _From(stream, self.begin) if self.begin else stream
 
     def note(self, text):
-        """Note a problem; its line."""
+        """Add a problem; return its text."""
         self.problems.append(f'{self.path.name}: {text}')
         return self.problems[-1]
 
     def at(self, offset, length):
-        """Bytes of the file while it is opened."""
+        """Read bytes; only while the file is being opened."""
         return read_at(self.stream, offset, length)
 
     # --- with the index ---------------------------------------------------------------------
 
     def _read_summary(self):
-        """True if the summary at the end gives all that `_scan` would."""
+        """Read the summary at the end; True if it replaces a scan."""
         tail = self.at(max(self.size - 37, 0), 37)
         if len(tail) < 37 or tail[-8:] != MAGIC or tail[0] != Opcode.FOOTER:
             return False
@@ -222,14 +222,14 @@ class BagFile:
         return True
 
     def _forget(self):
-        """What an index has told that is damaged."""
+        """Drop the contents of a damaged index."""
         for kept in (self.schemas, self.channels, self.counts, self.segments, self.metadata,
                      self.attachments):
             kept.clear()
         self._expanded = self._spent
 
     def _take_index(self, chunks):
-        """Segments of the chunks; ValueError where they overlap or expand beyond belief."""
+        """Make segments of the chunks; ValueError if they overlap or are implausibly large."""
         place = 8
         for start, end, offset, length, channels, size in sorted(chunks, key=lambda c: c[2]):
             if length < 9 or offset < place or offset + length > self.size:
@@ -243,13 +243,13 @@ class BagFile:
 
     def segment(self, start, end, offset, length, *, chunk, partial=False,
                 channels=frozenset(), expanded=0):
-        """Note where messages are."""
+        """Add a segment with messages."""
         self.segments.append(Segment(
             start, (self.number, len(self.segments)), end, self, offset, length, chunk, partial,
             channels, expanded))
 
     def take(self, opcode, body):
-        """Keep a schema or channel."""
+        """Add a schema or channel."""
         if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
             return
         (number,) = struct.unpack_from('<H', body)
@@ -259,7 +259,7 @@ class BagFile:
             self.channels[number] = parse(records.Channel, body)
 
     def take_large(self, opcode, offset, length):
-        """Keep a metadata record, or note an attachment."""
+        """Add a metadata record or an attachment."""
         if offset + length > self.size:
             raise ValueError('a record is larger than it can be')
         if opcode == Opcode.METADATA:
@@ -281,12 +281,12 @@ class BagFile:
     # --- messages ---------------------------------------------------------------------------
 
     def spend(self, size):
-        """Count bytes that were unpacked; False once they are more than the file may hold."""
+        """Count unpacked bytes; False once they exceed the limit of the file."""
         self._expanded += size
         return self._expanded <= self._limit
 
     def chunk(self, stream, offset, length, partial, expanded=0):
-        """The records in the chunk at `offset`, or ValueError; `expanded` bytes by the index."""
+        """Records in the chunk at `offset`, or ValueError; `expanded`: size by the index."""
         if length > MAX_CHUNK + 2**16:
             raise ValueError(f'a chunk claims {length} bytes, more than {MAX_CHUNK}')
         body = read_at(stream, offset, length)
@@ -303,7 +303,7 @@ class BagFile:
             return buffer
 
     def _as_described(self, body, partial, expanded):
-        """The records in a chunk, by its own head."""
+        """Records in a chunk, decoded by its own head."""
         size, crc, compression, data, stored = unpack_chunk(body)
         if len(data) < stored and not partial:
             raise ValueError('its data are longer than its record')
@@ -321,14 +321,14 @@ class BagFile:
         return buffer
 
     def by_topic(self, counts):
-        """Numbers of messages by topic, of those by channel; '' for channels not described."""
+        """Numbers of messages by topic, from those by channel; '' for undescribed channels."""
         out = Counter()
         for number, count in counts.items():
             out[self.channels[number].topic if number in self.channels else ''] += count
         return out
 
     def lose(self, offset, length, why, times, known, span=(None, None)):
-        """Note a damaged part, by the log times of its messages by channel that are known."""
+        """Add a damaged part, with the known log times of its messages by channel."""
         if any(part.offset == offset for part in self.lost):
             return
         every = [time for rows in times.values() if rows for time in (min(rows), max(rows))]
@@ -338,13 +338,13 @@ class BagFile:
                               known, start, end))
 
     def lose_segment(self, segment, stream, why):
-        """Note that a chunk that an index or a scan told of cannot be read now."""
+        """Mark a chunk known from an index or a scan as unreadable."""
         times, _ = indexes_at(stream, segment.offset + segment.length)
         self.lose(segment.offset - 9, segment.length + 9, why, times,
                   bool(times) and segment.channels <= set(times), (segment.start, segment.end))
 
     def load(self, segment, stream):
-        """The records of a segment, as bytes, read from `stream` (this file, open)."""
+        """Records of a segment, as bytes, read from `stream` (this file, open)."""
         if segment.chunk:
             return self.chunk(
                 stream, segment.offset, segment.length, segment.partial, segment.expanded)
@@ -353,7 +353,7 @@ class BagFile:
 
 
 class _From:
-    """A stream that begins at a byte of another."""
+    """A stream that begins at an offset of another."""
 
     def __init__(self, stream, begin):
         self._stream, self._begin = stream, begin
@@ -370,7 +370,7 @@ class _From:
 
 
 def logs_in(path, number=0):
-    """The log in a file, and those that were appended to it, a list of `BagFile`."""
+    """The log in a file and any logs appended to it, a list of `BagFile`."""
     logs = [BagFile(path, number)]
     while logs[-1].follows is not None:
         logs.append(BagFile(path, number + len(logs), logs[-1]))
@@ -378,7 +378,7 @@ def logs_in(path, number=0):
 
 
 def attachment_data(info):
-    """Bytes of an attachment, an `AttachmentInfo`; ValueError where its checksum is not right."""
+    """Bytes of an attachment, an `AttachmentInfo`; ValueError if its checksum is wrong."""
     head = 28 + len(info.name.encode()) + len(info.media_type.encode()) + 4
     with open(info.file, 'rb') as stream:
         record = read_at(stream, info.offset - head, head + info.size)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What readers of logs of all kinds have in common, and messages by the definitions in a log."""
+"""Common parts of the readers of all kinds of logs, and decoding by the definitions in a log."""
 
 import re
 from collections import Counter
@@ -30,7 +30,7 @@ from .mcap_records import short
 from .metadata import NOTHING, is_truth, listed_files
 from .ros_schema import load_qos
 
-#: a definition, or a line, longer than this is no message definition
+#: longest plausible message definition, and longest line of one
 MAX_DEFINITION, MAX_LINE = 256 * 1024, 1000
 
 
@@ -50,7 +50,7 @@ class LogTopic(NamedTuple):
 
 
 class BagMessage(NamedTuple):
-    """One message; times in ns since 1970; `data` is bytes, or the decoded object."""
+    """One message; times in ns since 1970; `data` is bytes or the decoded object."""
 
     topic: str
     type: str
@@ -67,46 +67,46 @@ def _natural(path):
 
 
 class Reader:
-    """What readers of all kinds of files have in common; each gives the SUFFIX of its files."""
+    """Base class of readers; each defines the SUFFIX of its files."""
 
     def __init__(self, path):
         self.path = Path(path)
         self._problems = []
         self._listed = {}
-        self._schemas = {}  # what `schema_of` has found
+        self._schemas = {}  # cache of `schema_of`
         self._skipped = Counter()
         self._decoders = Decoders(self._skipped)
-        self._qos = {'': []}  # by its text
+        self._qos = {'': []}  # by YAML text
         if not self.path.exists():
             raise ValueError(f'{self.path} does not exist; give the folder of a log, or of its '
                              'night')
 
     @property
     def message_count(self):
-        """Messages that the index, or reading through, found."""
+        """Number of messages, from the index or a scan."""
         return sum(topic.count for topic in self.topics)
 
     @property
     def has_truth(self):
-        """A topic of the simulator's truth is in it; calibration must refuse such a bag."""
+        """Whether it has a topic of the simulator's truth; calibration must refuse such a bag."""
         return any(is_truth(topic.name) for topic in self.topics)
 
     @property
     def problems(self):
-        """What is wrong with the log, one str each; grows while messages are read."""
+        """Problems of the log, list of str; may grow while messages are read."""
         return self._problems + [
             f'{what} ({count} times)' if count > 1 else what
             for what, count in self._skipped.items()]
 
     def schema_of(self, topic, type_name):
-        """(`mcap` Schema, encoding of the messages) of a topic's type; (None, '') without."""
+        """(`mcap` Schema, message encoding) of a topic's type; (None, '') if there is none."""
         key = topic, type_name
         if key not in self._schemas:
             self._schemas[key] = self._find_schema(*key)
         return self._schemas[key]
 
     def decode(self, message):
-        """The object that a raw `BagMessage` of this log holds; None if it does not fit.
+        """The decoded object of a raw `BagMessage` of this log; None if it does not fit the schema.
 
         Returns
         -------
@@ -116,7 +116,7 @@ class Reader:
         return self._decoders.decode(message.topic, schema, encoding, message.data)
 
     def messages(self, topics=None, start=None, end=None, decode=False):
-        """Messages in the order of their log time (equal times: in the order of the file).
+        """Messages in order of log time (equal times: in the order of the file).
 
         Parameters
         ----------
@@ -125,14 +125,14 @@ class Reader:
         start, end : int, optional
             Only log times in [start, end), ns since 1970.
         decode : bool
-            Give Python objects (by ``mcap_ros2``) in place of bytes. A message that does not
-            fit its schema is left out and counted in `problems`.
+            Return Python objects (by ``mcap_ros2``) instead of bytes. Messages that do not fit
+            their schema are left out and counted in `problems`.
 
         Yields
         ------
         BagMessage
-            topic, type, data, log_time, publish_time, sequence. SQLite files of rosbag2 hold one
-            time only: ``publish_time`` is ``log_time``.
+            topic, type, data, log_time, publish_time, sequence. SQLite files of rosbag2 hold only
+            one time: ``publish_time`` is ``log_time``.
         """
         wanted = {topics} if isinstance(topics, str) else topics if topics is None \
             else set(topics)
@@ -163,7 +163,7 @@ class Reader:
             self._problems.append(wrong)
 
     def _find(self):
-        """The files: as metadata.yaml lists them, then those that it does not know."""
+        """The files in the order of metadata.yaml, then those that it does not list."""
         if not self.path.is_dir():
             if self.path.suffix == PACKED_FILE:
                 raise ValueError(f'{self.path} is packed; unpack it first: zstd -d {self.path}')
@@ -192,7 +192,7 @@ class Reader:
         return files
 
     def _compare_with_metadata(self, found):
-        """Note what metadata.yaml says otherwise of files, dict of str to `Listed`."""
+        """Report differences between files, dict of str to `Listed`, and metadata.yaml."""
         for name, row in found.items() if self._listed else ():
             if name not in self._listed:
                 self._problems.append(
@@ -200,7 +200,7 @@ class Reader:
                     + f', {span(row.start, row.end)}' * bool(row.count)
                     + '; if it is not of this log, move it away')
         both = [name for name in found if self._listed.get(name, NOTHING).count]
-        # the file that holds a message may be another than was stated
+        # a message may be in another file than listed
         if sum(found[name].count - self._listed[name].count for name in both) == 0:
             return
         for name in both:
@@ -228,7 +228,7 @@ class Decoders:
     Parameters
     ----------
     skipped : Counter
-        Takes a line for what cannot be decoded, and how often.
+        Gets a line for anything that cannot be decoded, with its count.
     """
 
     def __init__(self, skipped):
@@ -246,7 +246,7 @@ class Decoders:
             return None
         try:
             return decoder(_Bounded(data))
-        except Exception:  # foreign bytes fail in any way
+        except Exception:  # foreign bytes can raise anything
             self._skipped[f'{topic}: a message that does not fit its schema left out'] += 1
             return None
 
@@ -256,7 +256,7 @@ class Decoders:
             text = schema.data.decode() if schema is not None else ''
             if len(text) > MAX_DEFINITION or max(map(len, text.splitlines()), default=0) > MAX_LINE:
                 raise ValueError(f'a definition of {len(text)} characters')
-            # the parser prints what it does not like
+            # the parser prints its complaints
             with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
                 return DecoderFactory().decoder_for(encoding, schema)
         except Exception as error:  # the schema is foreign text
@@ -265,10 +265,10 @@ class Decoders:
 
 
 class _Bounded(bytes):
-    """Bytes that refuse to be cut beyond their end.
+    """Bytes that raise an error on slices beyond their end.
 
-    The decoder cuts strings and arrays out of a message without looking at how much is left, and
-    so may go on for ever with an array of which no element takes a byte.
+    The decoder slices strings and arrays out of a message without checking its length, and so could
+    loop forever over an array whose elements take no bytes.
     """
 
     def __getitem__(self, key):

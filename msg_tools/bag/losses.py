@@ -12,19 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What of a log cannot be read: which bytes, how many messages, of which time."""
+"""Unreadable parts of a log: their bytes, number of messages and times."""
 
 from datetime import datetime, timedelta, timezone
 from typing import NamedTuple
 
-#: before 1980 and after 2100, ns since 1970: no time of a message beside others between them
+#: 1980 and 2100, ns since 1970: other times are implausible in a log with times between these
 EARLIEST, LATEST = 315_532_800 * 10**9, 4_102_444_800 * 10**9
 
 
 class Lost(NamedTuple):
-    """A part of a file that cannot be read.
+    """An unreadable part of a file.
 
-    Its messages are those that the index lists, by channel; `known` where these are all.
+    `counts` are the messages that the index lists, by channel; `known` if these are all.
     """
 
     offset: int
@@ -44,7 +44,7 @@ class Lost(NamedTuple):
 
 
 def counted(count, known):
-    """So many messages, where not all of them may be known."""
+    """A number of messages in words, if not all of them may be known."""
     if not known:
         return f'at least {count} messages' if count else 'an unknown number of messages'
     return f'{count} message{"s" * (count != 1)}'
@@ -62,14 +62,14 @@ def utc(ns):
 
 
 def span(start, end):
-    """From one time to another, ns since 1970."""
+    """A time span in words, from ns since 1970."""
     return f'from {utc(start)} to {utc(end)}'
 
 
 def implausible(start, end):
-    """What is wrong with the first and the last time of a log, ns since 1970; '' if nothing is.
+    """What is wrong with the first and last time of a log, ns since 1970; '' if nothing.
 
-    A clock that is simulated may begin with 0: times are compared with each other.
+    A simulated clock may start at 0, so the times are compared with each other.
     """
     if start is None or not (end > LATEST or start < EARLIEST <= end):
         return ''

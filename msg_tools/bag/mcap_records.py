@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Records of MCAP: found, parsed, unpacked, whatever a damaged or hostile file says."""
+"""Finds, parses and unpacks MCAP records; safe for damaged or hostile files."""
 
 import struct
 from io import BytesIO
@@ -27,13 +27,13 @@ PARSE_ERRORS = (
 
 
 def short(error):
-    """One line of an exception."""
+    """First line of an exception."""
     text = str(error) or type(error).__name__
     return text.splitlines()[0][:120]
 
 
 def walk(buffer, most=2**62):
-    """(opcode, start of the body, end) of every whole record in `buffer`.
+    """(opcode, start of the body, end) of every complete record in `buffer`.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def walk(buffer, most=2**62):
     """
     pos, size = 0, len(buffer)
     unpack = struct.Struct('<Q').unpack_from
-    while pos + 9 <= size and buffer[pos]:  # no record has the opcode 0
+    while pos + 9 <= size and buffer[pos]:  # opcode 0 is invalid
         end = pos + 9 + unpack(buffer, pos + 1)[0]
         if end > size:
             return
@@ -54,7 +54,7 @@ def walk(buffer, most=2**62):
 
 
 def read_at(stream, offset, length):
-    """`length` bytes at `offset`, or as many as there are."""
+    """`length` bytes at `offset`, or fewer at the end."""
     stream.seek(offset)
     return stream.read(length)
 
@@ -64,7 +64,7 @@ def parse(record, body):
 
 
 def unpack_chunk(body):
-    """Fields of a (perhaps cut) chunk record: uncompressed size, crc, compression, data."""
+    """Size, crc, compression, data and their length, of a (possibly truncated) chunk record."""
     size, crc, n = struct.unpack_from('<QII', body, 16)
     compression = bytes(body[32:32 + n]).decode()
     (length,) = struct.unpack_from('<Q', body, 32 + n)
@@ -72,7 +72,7 @@ def unpack_chunk(body):
 
 
 def index_record(body):
-    """Channel and log times of a message index record; ValueError where it is none."""
+    """Channel and log times of a message index record; ValueError if it is invalid."""
     channel, n = struct.unpack_from('<HI', body)
     if n != len(body) - 6 or n % 16:
         raise ValueError('message index with half an entry')

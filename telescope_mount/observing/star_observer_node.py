@@ -12,10 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The star observer: points the mount at catalogue stars and publishes the pointing offsets.
-
-This module has parameters, topics and time; the work is done in `observing`, without ROS.
-"""
+"""The star observer: points the mount at catalogue stars and publishes the pointing offsets."""
+# This module has parameters, topics and time; the work is done in `observing`, without ROS.
 
 import json
 import time

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sky that a simulated telescope of an Alpaca server sees: where a star lies from it.
+"""Offsets of stars from the boresight, for a simulated telescope of an Alpaca server.
 
-What a driver of a real mount reports is what it believes, and no camera: that needs one.
+A driver of a real mount reports only its estimate: that needs a camera.
 """
 
 from msg_tools.node_lifecycle import AUTOSTART

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sky that a mount of an INDI server sees: where a star lies from the boresight.
+"""Offsets of stars from the boresight, for a mount of an INDI server.
 
-By the plate solves of any camera of the server; or, without one, by what a simulator tells of
-where it truly looks. What a driver of a real mount reports is what it believes, and no camera.
+Measured by plate solves of a camera of the server, or without one from the true pointing that a
+simulator reports. A driver of a real mount reports only its estimate.
 """
 
 from msg_tools import convert, topics
