@@ -294,8 +294,8 @@ def _four(rng, arcs):
 
 def part_fault(trials):
     """One of four satellites 20" RMS off along its track."""
-    for arcs, kinds in ((3, ('constant', 'varying', 'none')), (1, ('constant', 'varying'))):
-        for kind in kinds:
+    for arcs in (3, 1):
+        for kind in ('constant', 'varying', 'none'):
             right = wrong = good = 0
             for trial in range(trials):
                 rng = np.random.default_rng(3000 + trial)

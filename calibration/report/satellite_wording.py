@@ -72,15 +72,20 @@ _SHARED = {
     'clock': ("station's clock", 's', 1.0)}
 
 
-def _common_to_all(found):
-    each = []
+def _shared(found):
     for name, (value, sigma) in found.evidence.items():
         what, unit, size = _SHARED[name]
         error = max(sigma / size, 1e-9)
         digits = max(0, 1 - int(np.floor(np.log10(error))))
-        each.append(f'{what} {value / size:+.{digits}f} ± {error:.{digits}f} {unit}')
-    return (f'Something that all rows share is off ({_percent(found.size)}), no orbit need be: '
-            f'{", or ".join(each)}, beside what was given. The fit allows for it; set it right')
+        yield f'{what} {value / size:+.{digits}f} ± {error:.{digits}f} {unit}'
+
+
+def _one_of_these(found):
+    each = [f'the orbit of {name} along the track' for name in found.causes]
+    each += [f'the {one} beside what was given' for one in _shared(found)]
+    which = 'One of these' if len(each) > 1 else 'This'
+    return (f'{which} is wrong ({_percent(found.size)}): {", or ".join(each)}. The fit allows for '
+            'it; more arcs, also of other satellites, tell more')
 
 
 def _old_elements(found):
@@ -94,11 +99,11 @@ KINDS = {
     'orbit wrong': lambda found: (
         f'The orbit of {found.causes[0]} is wrong along the track '
         f'({_percent(found.size)}): its rows are left out'),
-    'one orbit of these wrong': lambda found: (
-        f'One of these orbits is wrong along the track: {", ".join(found.causes)} '
-        f'({_percent(found.size)}). The data cannot distinguish them: observe another arc '
-        'of each'),
-    'common to all': _common_to_all,
+    'one of these wrong': _one_of_these,
+    'common to all': lambda found: (
+        f'Something that all rows share is off ({_percent(found.size)}), no orbit need be: '
+        f'{", or ".join(_shared(found))}, beside what was given. The fit allows for it; set it '
+        'right'),
     'pass left out': _pass_left_out,
     'tracks disagree': lambda found: (
         f'The tracks disagree: {found.size:.1f}" are left (RMS), {found.size / found["noise"]:.0f} '

@@ -81,7 +81,7 @@ class TrackColumns:
         return self.names.index(name)
 
 
-def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=(), common=()):
+def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), wrong=()):
     """Design columns of tracks.
 
     Parameters
@@ -92,10 +92,9 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=(), co
         Prior sigma of the station's clock, s; infinite: unknown, 0: exact.
     bias_free : collection of str
         Satellites with unknown time along the orbit, whatever the sigma of the orbit.
-    drifts : collection of str
-        Satellites whose orbit may drift along the track by more than its sigma.
-    common : collection of str
-        Possible errors common to all rows, of `COMMON_SIZES`.
+    wrong : collection of str
+        Satellites whose orbit may drift along the track by more than its sigma, and possible
+        errors common to all rows, of `COMMON_SIZES`.
 
     Returns
     -------
@@ -136,10 +135,11 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=(), co
                 add(f'along {arc}', tracks.ahead / speed, mine, sigma)
             add(f'across {arc}', tracks.across, mine, sigma)
             add(f'out {arc}', tracks.out, mine, sigma)
-    for name in common:
-        add(f'common {name}', _common_move(tracks, name), np.arange(n), COMMON_SIZES[name])
     parts = {}
-    for name in drifts:
+    for name in wrong:
+        if name in COMMON_SIZES:
+            add(f'common {name}', _common_move(tracks, name), np.arange(n), COMMON_SIZES[name])
+            continue
         knots, covariance = _knots(tracks, tracks.objects.index(name))
         parts[name] = slice(len(names), len(names) + len(knots)), covariance
         names += [f'drift {name} {i}' for i in range(len(knots))]

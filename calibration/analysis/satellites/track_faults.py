@@ -16,16 +16,16 @@
 
 A pass that is off by far more than the scatter of its rows has a wrong stamp, satellite or
 power-on. The pass without which the others agree best is rejected, until they agree. Then three
-hypotheses are compared by their marginal likelihood over mount, clock and orbits: no orbit is
-wrong; one satellite is off along its track, by a constant or drifting amount of any size; or
-something common to all is wrong (site, refraction, a clock assumed to be known). A common error is
-fitted if it explains the rows better. An orbit with nearly all of the posterior probability is
-rejected, and the others are tested again. If several share it, they are reported as suspects, and
-the fit allows for a drift of each.
+equally likely hypotheses are compared by their marginal likelihood over mount, clock, orbits and
+noise: no orbit is wrong; one satellite is off along its track, by a constant or drifting amount of
+any size; or something common to all is wrong (site, refraction, a clock assumed to be known). An
+orbit with nearly all of the posterior probability is rejected, a common error with as much is
+fitted, and the others are tested again. If several share it, they are reported as suspects, and
+the terms are the mean over them.
 The age of elements and their expected error are reported, too.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -39,12 +39,12 @@ from .stamp_check import robustly_off
 from .track_columns import COMMON_SIZES, HEIGHT_AND_AIR
 from .track_fit import fit_tracks
 
-#: posterior probability from which an orbit is wrong, and from which it is a named suspect
-SURE, POSSIBLE = 0.98, 0.02
+#: posterior probability from which something is wrong
+SURE = 0.98
 #: RMS errors along the track of a wrong orbit
 _SIZES = tuple(size * ARCSEC for size in (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0))
-#: fewest satellites, and passes, that must be left
-_LEAST, _PASSES = 2, 2
+#: fewest passes that must be left
+_PASSES = 2
 #: sizes of common errors, relative to `COMMON_SIZES`
 _COMMON_PARTS = np.array([0.01, 0.03, 0.1, 0.3, 1.0])
 #: RMS deviation of a rejected pass, in sigmas of the white noise of its rows (correlated noise adds
@@ -63,52 +63,60 @@ def elements_age(orbit, time):
                    evidence={'error_km': float(np.max(orbit.sigma(time))) / 1e3})
 
 
-def fault_chances(tracks, **options):
-    """Posterior probability that the orbit of each satellite is wrong.
+def fault_chances(tracks, wrong=(), **options):
+    """Posterior probability of each orbit and of each common error to be what is wrong.
 
     Parameters
     ----------
     tracks : SatelliteTracks
+    wrong : tuple of str
+        Common errors that are fitted already.
     **options
         See `track_fit.fit_tracks`.
 
     Returns
     -------
     dict of str to float
-        By satellite, '' for none, ``common height`` and others of `COMMON_SIZES`; they sum to 1.
+        By satellite, common error of `COMMON_SIZES`, '' for none; they sum to 1.
     """
-    names, freed = tracks.satellites, tuple(options.pop('common', ()))
-    shared = () if freed else _may_be_wrong(tracks, options)
+    names, shared = tracks.satellites, () if wrong else _may_be_wrong(tracks, options)
     # estimate the noise with all faults allowed, so that a fault does not enlarge it
-    full = fit_tracks(tracks, drifts=names, common=freed + shared, **options)
-    columns, noise = full.columns, full.noises[0][0]
+    full = fit_tracks(tracks, wrong=wrong + names + shared, **options)
+    columns, prior = full.columns, full.precision
     left, mean = _before_orbits(full)
-    gram = gram_of(noise.whiten(columns.columns), noise.whiten(left))
-    plain = np.ones(len(columns.names), bool)
-    for part, _ in columns.drifts.values():
+    faults = [(name, *columns.drifts[name], _SIZES, len(names)) for name in names]
+    faults += [(name, _at(columns, f'common {name}'), np.eye(1),
+                COMMON_SIZES[name] * _COMMON_PARTS, len(shared)) for name in shared]
+    whole = np.ones(len(columns.names), bool)
+    plain = whole.copy()
+    for _, part, *_ in faults:
         plain[part] = False
-    at = {name: columns.place(f'common {name}') for name in shared}
-    plain[list(at.values())] = False
-    prior = full.precision
-    logs = {'': _evidence(gram, noise.count, prior, mean, plain, None, 0.0) + np.log(0.5)}
-
-    def log_of(part, covariance, sizes):
-        """Log evidence with a part of the coefficients, with given covariance for size 1."""
+    # an orbit early or late by a constant is one number, like a common error
+    faults += [(name, _at(columns, f'ahead {name}'), columns.drifts[name][1][:1, :1], _SIZES,
+                len(names)) for name in names if name not in options.get('bias_free', ())]
+    cases = [('', plain, None, 0.0)]
+    for name, part, covariance, sizes, rivals in faults:
         kept = plain.copy()
         kept[part] = True
-        inverse, log_det = np.linalg.inv(covariance), np.linalg.slogdet(covariance)[1]
-        m = len(covariance)
-        tried = [_evidence(gram, noise.count, prior, mean, kept, (part, inverse / size**2),
-                           log_det + 2.0 * m * np.log(size)) for size in sizes]
-        return float(np.logaddexp.reduce(tried)) + np.log(0.5 / len(sizes))
+        log_det = np.linalg.slogdet(covariance)[1]
+        if plain[part].all():  # it has a prior without a fault, too
+            log_det += np.log(prior[part, part].item())
+        shapes = sum(name == one for one, *_ in faults)
+        cases += [(name, kept, (part, np.linalg.inv(covariance) / size**2), log_det + 2.0 * np.log(
+            size**len(covariance) * len(sizes) * rivals * shapes)) for size in sizes]
+    logs = defaultdict(list)
+    for noise, chance in full.noises:
+        gram = gram_of(noise.whiten(columns.columns), noise.whiten(left))
+        # `chance` is the posterior of this noise with all faults allowed
+        base = _evidence(gram, noise.count, prior, mean, whole, None, 0.0) - np.log(chance)
+        for name, *case in cases:
+            logs[name].append(_evidence(gram, noise.count, prior, mean, *case) - base)
+    return probabilities({name: float(np.logaddexp.reduce(each)) for name, each in logs.items()})
 
-    for name in names:
-        part, covariance = columns.drifts[name]
-        logs[name] = log_of(part, covariance, _SIZES) - np.log(len(names))
-    for name, place in at.items():
-        logs[f'common {name}'] = log_of(slice(place, place + 1), np.eye(1), COMMON_SIZES[
-            name] * _COMMON_PARTS) - np.log(len(at))
-    return probabilities(logs)
+
+def _at(columns, name):
+    place = columns.place(name)
+    return slice(place, place + 1)
 
 
 def _may_be_wrong(tracks, options):
@@ -242,41 +250,57 @@ def fit_without_faults(tracks, **options):
     TrackFit
         ``left_out``, ``suspects`` and ``notes`` report which orbits are wrong, or may be.
     """
-    out, suspects = [], {}
+    out, suspects, freed = [], {}, ()
     tracks, notes = _elsewhere(tracks, **options)
     tracks, more = _without_passes(tracks, _GROSS, **options)
     notes += more
-    while True:
-        kept = _without(tracks, out)
-        if len(kept.satellites) < _LEAST:
+    while (kept := _without(tracks, out)).satellites:
+        chances = fault_chances(kept, freed, **options)
+        likely = _likely(chances)
+        if '' in likely:
             break
-        chances = fault_chances(kept, **options)
-        worst = max(kept.satellites, key=chances.get)
-        shared = {name.removeprefix('common '): chance for name, chance in chances.items()
-                  if name.startswith('common ') and chance > POSSIBLE}
-        if chances[''] < 1.0 - SURE and sum(shared.values()) > chances[worst]:
-            # fit each alone: together they may be degenerate
-            found = {name: fit_tracks(kept, common=(name,), **options)[f'common {name}']
-                     for name in shared}
-            notes.insert(0, Finding('common to all', sum(shared.values()), unit='',
-                                    evidence=found))
-            options['common'] = tuple(shared)
+        orbits = tuple(name for name in likely if name in kept.satellites)
+        if orbits == likely[:1] == likely and len(kept.satellites) > 1:
+            out.append(likely[0])
+            notes.append(Finding('orbit wrong', chances[likely[0]], unit='', causes=orbits))
             continue
-        if chances[worst] > SURE:
-            out.append(worst)
-            notes.append(Finding('orbit wrong', chances[worst], unit='', causes=(worst,)))
-            continue
-        if chances[''] < 1.0 - SURE:
-            suspects = {name: chances[name] for name in kept.satellites
-                        if chances[name] > POSSIBLE}
-            notes.append(Finding('one orbit of these wrong', 1.0 - chances[''], unit='',
-                                 causes=tuple(sorted(suspects))))
-        break
-    options['drifts'] = tuple(suspects)
-    tracks, more = _without_passes(_without(tracks, out), 0.0, **options)
+        # fit each alone: together they may be degenerate
+        found = {name: fit_tracks(kept, wrong=(name,), **options)[f'common {name}']
+                 for name in likely if name not in orbits}
+        notes.insert(0, Finding('one of these wrong' if orbits else 'common to all',
+                                sum(chances[name] for name in likely), unit='', causes=orbits,
+                                evidence=found))
+        if orbits:
+            suspects = {name: chances[name] for name in likely}
+            break
+        freed = likely
+    tracks, more = _without_passes(_without(tracks, out), 0.0, wrong=freed + tuple(suspects),
+                                   **options)
     notes += more
-    fit = fit_tracks(tracks, **options)
+    fit = fit_tracks(tracks, wrong=freed + tuple(suspects), **options)
+    if suspects:
+        fit = replace(fit, model=_mean_model(
+            {name: fit_tracks(tracks, wrong=(*freed, name), **options).model
+             for name in suspects}, suspects))
     return replace(fit, left_out=tuple(out), suspects=suspects, notes=[*fit.notes, *notes])
+
+
+def _likely(chances):
+    """The fewest names with nearly all of the probability, the likeliest first."""
+    names = sorted(chances, key=chances.get, reverse=True)
+    sums = np.cumsum([chances[name] for name in names])
+    return tuple(names[:1 + int(np.searchsorted(sums, SURE))])
+
+
+def _mean_model(models, chances):
+    """Mean over models with given probabilities; its covariance has their scatter."""
+    weights = np.array([chances[name] for name in models]) / sum(chances.values())
+    first, *_ = models = list(models.values())
+    each = np.array([list(one.terms.values()) for one in models])
+    mean = weights @ each
+    covariance = sum(w * one.covariance for w, one in zip(weights, models)) + (
+        (each - mean).T * weights) @ (each - mean)
+    return replace(first, terms=dict(zip(first.terms, mean.tolist())), covariance=covariance)
 
 
 def _without(tracks, names):

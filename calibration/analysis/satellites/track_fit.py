@@ -65,7 +65,7 @@ class TrackFit:
     left_out : tuple of str
         Satellites rejected for a wrong orbit.
     suspects : dict of str to float
-        Probabilities of satellites whose orbit may be wrong.
+        Probabilities of orbits and common errors, one of which is wrong.
     notes : list
         `Finding`.
     """
@@ -166,7 +166,7 @@ def with_origin(tracks):
 
 
 def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(), free=None,
-               memory=True, drifts=(), common=()):
+               memory=True, wrong=()):
     """Fit terms, clock and orbits to tracks.
 
     Parameters
@@ -182,7 +182,7 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
         Terms without a prior; by default the zeros of the axes.
     memory : bool
         Whether the noise of satellites may be correlated.
-    drifts, common : collection of str
+    wrong : collection of str
         See `track_columns`.
 
     Returns
@@ -197,8 +197,7 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
     run, mount = tracks.run, tracks.run.mount
     if terms is None:
         terms = tuple(held.terms) if held is not None else mount.names.physical
-    columns = track_columns(tracks, tuple(terms), clock_sigma, bias_free, drifts,
-                            common)
+    columns = track_columns(tracks, tuple(terms), clock_sigma, bias_free, wrong)
     precision, mean = _known(columns, held, mount.names.index if free is None else free)
     open_ones = int(np.count_nonzero(np.diag(precision) == 0.0))
     if 2 * len(tracks) <= open_ones:

@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_tracks import SITE, TRUTH, made_orbit, made_tracks, passes
+from made_tracks import SITE, STEP, TRUTH, made_orbit, made_tracks, passes
 
 from calibration.analysis.satellites.normal_points import normal_points
 from calibration.analysis.satellites.track_faults import fault_chances, fit_without_faults
@@ -134,6 +134,19 @@ def test_no_orbit_is_named_where_none_is_wrong(tracks):
     assert chances[''] > 0.5 and sum(chances.values()) == pytest.approx(1.0)
 
 
+def test_noise_that_remembers_is_no_wrong_orbit():
+    """One arc of each hardly tells the memory: the likeliest alone made an orbit of it."""
+    rng, few = np.random.default_rng(116), dict.fromkeys(FOUR, 1)
+    tracks = made_tracks(rng, few, sigma=20.0)
+    walk = np.zeros((2, len(tracks)))
+    for rows in (np.flatnonzero(tracks.arc == arc) for arc in np.unique(tracks.arc)):
+        keep = np.exp(-STEP / 300.0)
+        walk[:, rows] = rng.normal(size=(2, len(rows)))
+        for before, now in zip(rows, rows[1:]):
+            walk[:, now] = keep * walk[:, before] + np.sqrt(1.0 - keep**2) * walk[:, now]
+    assert fault_chances(off(tracks, *1.4 * ARCSEC * walk))[''] > 0.5
+
+
 def test_two_satellites_cannot_say_whose_orbit_is_wrong():
     tracks = made_tracks(np.random.default_rng(7), {'A01': 1, 'C03': 1}, ahead={'A01': 0.3},
                          stars=40)
@@ -141,6 +154,21 @@ def test_two_satellites_cannot_say_whose_orbit_is_wrong():
     assert fit.left_out in ((), ('A01',))
     # stars know the mount: now it is plain
     assert fit_without_faults(tracks).left_out == ('A01',)
+
+
+def test_one_satellite_alone_that_is_ahead_may_be_a_longitude_and_a_clock():
+    """What no data can distinguish is named as such, and the terms are the mean over it."""
+    tracks = made_tracks(np.random.default_rng(1), {'A01': 2}, stars=40, ahead={'A01': 0.3})
+    fit = fit_without_faults(tracks)
+    assert set(fit.suspects) == {'A01', 'longitude'} and fit.suspects['A01'] > 0.5
+    assert fit.left_out == () and agrees(fit)
+    said = worded(track_document(fit))['notes'][0]
+    assert said.startswith('One of these is wrong (over 99 %): the orbit of A01 along the track, '
+                           'or the longitude -0.00')
+    fit = fit_without_faults(tracks, clock_sigma=0.001)
+    assert set(fit.suspects) == {'A01'} and agrees(fit)
+    said = worded(track_document(fit))['notes'][0]
+    assert said.startswith('This is wrong (over 99 %): the orbit of A01 along the track. The fit')
 
 
 def test_what_is_left_is_a_run_of_means(tracks):
@@ -195,11 +223,11 @@ def test_on_both_sides_of_the_pier_terms_and_clock_are_those_of_one_fit(errors):
 SEVEN = {'A01': 3, 'B02': 2, 'C03': 2}
 
 
-def off(tracks, rows, x):
-    """The tracks with some rows read x (rad on the sky) off in azimuth."""
+def off(tracks, x, y=0.0):
+    """The tracks read x, y (rad on the sky) off."""
     run = tracks.run
-    moved = run['az_enc'] + x * rows / np.cos(run['el'])
-    return replace(tracks, run=PointingRun({**run.columns, 'az_enc': moved}, run.meta))
+    moved = {'az_enc': run['az_enc'] + x / np.cos(run['el']), 'el_enc': run['el_enc'] + y}
+    return replace(tracks, run=PointingRun({**run.columns, **moved}, run.meta))
 
 
 def agrees(fit):
@@ -211,7 +239,7 @@ def agrees(fit):
 def test_a_pass_that_no_other_agrees_with_is_left_out(degrees):
     tracks = made_tracks(np.random.default_rng(11), SEVEN)
     arc = np.unique(tracks.arc)[1]
-    fit = fit_without_faults(off(tracks, tracks.arc == arc, degrees * DEG))
+    fit = fit_without_faults(off(tracks, (tracks.arc == arc) * degrees * DEG))
     assert fit.left_out == () and arc not in fit.tracks.arc and agrees(fit)
     assert len(np.unique(fit.tracks.arc)) == len(np.unique(tracks.arc)) - 1
     said = worded(track_document(fit))['notes'][0]
@@ -226,14 +254,14 @@ def test_a_few_rows_of_one_more_satellite_do_no_harm(count, wrong):
     few = tracks.object == tracks.objects.index('D04')
     tracks = tracks.select(~few | (np.cumsum(few) <= count))
     few = tracks.object == tracks.objects.index('D04')
-    fit = fit_without_faults(off(tracks, few, wrong * 1.0 * DEG))
+    fit = fit_without_faults(off(tracks, few * wrong * 1.0 * DEG))
     assert fit.left_out == () and agrees(fit) and min(fit.fit.sigma) > 0.0
     assert ('D04' in fit.tracks.objects) != wrong
 
 
 def test_tracks_that_disagree_are_not_to_be_trusted():
     two = made_tracks(np.random.default_rng(13), {'A01': 2})
-    fit = fit_without_faults(off(two, two.arc == two.arc[0], 1.0 * DEG))
+    fit = fit_without_faults(off(two, (two.arc == two.arc[0]) * 1.0 * DEG))
     notes = worded(track_document(fit))['notes']
     assert any('The tracks disagree' in one or 'is left out' in one for one in notes)
 
@@ -241,7 +269,7 @@ def test_tracks_that_disagree_are_not_to_be_trusted():
 def test_each_power_on_has_a_zero():
     tracks = made_tracks(np.random.default_rng(14), SEVEN)
     second = tracks.run['time'] > np.median(tracks.run['time'])
-    moved = off(tracks, ~second, 100.0 * ARCSEC * np.cos(tracks.run['el']))
+    moved = off(tracks, ~second * 100.0 * ARCSEC * np.cos(tracks.run['el']))
     moved.run = PointingRun({**moved.run.columns, 'run': 7.0 + second}, moved.run.meta)
     fit = fit_without_faults(moved)
     assert agrees(fit)  # the zeros are those of the newest
@@ -256,12 +284,7 @@ def test_each_power_on_has_a_zero():
     ('longitude', -0.02 * DEG, 'longitude'), ('refraction', -0.1, 'refraction')])
 def test_what_all_satellites_share_is_named_before_an_orbit(name, wrong, text):
     tracks = made_tracks(np.random.default_rng(15), FOUR)
-    x, y = wrong * tracks.common[name]
-    run = tracks.run
-    moved = replace(tracks, run=PointingRun(
-        {**run.columns, 'az_enc': run['az_enc'] + x / np.cos(run['el']),
-         'el_enc': run['el_enc'] + y}, run.meta))
-    fit = fit_without_faults(moved)
+    fit = fit_without_faults(off(tracks, *wrong * tracks.common[name]))
     assert fit.left_out == () and fit.suspects == {} and agrees(fit)
     first, *_ = notes = worded(track_document(fit))['notes']
     assert 'Something that all rows share is off (over 99 %)' in first and text in first
@@ -302,7 +325,7 @@ def test_a_part_of_a_pass_that_is_elsewhere_is_left_out_by_name():
     """As rows of another satellite under its name are, at the same times."""
     tracks = made_tracks(np.random.default_rng(17), FOUR)
     rows = (tracks.arc == np.unique(tracks.arc)[2]) & (np.arange(len(tracks)) % 2 == 0)
-    fit = fit_without_faults(off(tracks, rows, 5.0 * DEG))
+    fit = fit_without_faults(off(tracks, rows * 5.0 * DEG))
     assert agrees(fit) and len(fit.tracks) == len(tracks) - rows.sum()
     assert f'is left out with its {rows.sum()} rows' in worded(track_document(fit))['notes'][0]
 
@@ -311,11 +334,7 @@ def test_stamps_of_whole_seconds_tell_no_clock():
     rng = np.random.default_rng(18)
     tracks = made_tracks(rng, FOUR)
     assert np.all(tracks.run['time'] % 1.0 == 0.0) and 'clock' in track_document(fit_tracks(tracks))
-    run, late = tracks.run, rng.uniform(-0.5, 0.5, len(tracks))
-    x, y = tracks.clock * late
-    rounded = replace(tracks, run=PointingRun(
-        {**run.columns, 'az_enc': run['az_enc'] + x / np.cos(run['el']),
-         'el_enc': run['el_enc'] + y}, run.meta))
+    rounded = off(tracks, *tracks.clock * rng.uniform(-0.5, 0.5, len(tracks)))
     document = worded(track_document(fit_tracks(rounded)))
     assert 'clock' not in document and 'Every time stamp is a whole second' in document['notes'][0]
 
