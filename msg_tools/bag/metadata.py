@@ -27,7 +27,7 @@ from .ros_schema import MAX_NESTING, Loader, dump_yaml
 
 METADATA_VERSION = 9
 METADATA_FILE = 'metadata.yaml'
-#: a file larger than this is no metadata of a bag
+#: largest plausible size of a metadata file
 MAX_SIZE = 4 * 2**20
 
 
@@ -37,12 +37,12 @@ def _span(first, last, count):
 
 
 def is_truth(topic):
-    """Whether a topic is of the simulator's truth, by its name; calibration must refuse it."""
+    """Whether a topic belongs to the simulator's truth, by its name; calibration must refuse it."""
     return '/truth/' in '/' + topic
 
 
 def information(topics, files, custom_data):
-    """What rosbag2 calls the bag file information.
+    """The contents of metadata.yaml: rosbag2 calls them the bag file information.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def information(topics, files, custom_data):
     Returns
     -------
     dict
-        In the order in which rosbag2 writes it.
+        In the order of rosbag2.
     """
     filled = [row for row in files if row[3]]
     first = min((row[1] for row in filled), default=NEVER)
@@ -91,13 +91,13 @@ def information(topics, files, custom_data):
 
 
 def write_metadata(folder, info):
-    """Put metadata.yaml in place in one step, on the disk."""
+    """Write metadata.yaml atomically and sync it to the disk."""
     write_text(folder / METADATA_FILE, dump_yaml({'rosbag2_bagfile_information': info}))
     sync_folder(folder)
 
 
 def sync_folder(folder):
-    """Put the names of new files on the disk."""
+    """Sync the names of new files to the disk."""
     number = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(number)
@@ -106,7 +106,7 @@ def sync_folder(folder):
 
 
 class Listed(NamedTuple):
-    """What ``metadata.yaml`` tells of a file of the bag; NEVER and 0 where it tells nothing."""
+    """What ``metadata.yaml`` says about a file of the bag; NEVER and 0 if it says nothing."""
 
     count: int = 0
     start: int = NEVER
@@ -117,13 +117,13 @@ NOTHING = Listed()
 
 
 def listed_files(folder):
-    """The files that metadata.yaml lists, without any folder in front, and what it says of them.
+    """The files that metadata.yaml lists, by name without folder, and what it says about them.
 
     Returns
     -------
     files : dict of str to Listed
     problem : str
-        Empty if all is well.
+        Empty if there is none.
     """
     path = folder / METADATA_FILE
     try:
@@ -142,13 +142,13 @@ def listed_files(folder):
         name, entry = _entry(row, 'path', str).removesuffix(PACKED_FILE), _listed(row)
         if name in files and entry is not None:
             files[name] = entry
-    if len(files) == 1 and NOTHING in files.values():  # before version 5 the bag alone has numbers
+    if len(files) == 1 and NOTHING in files.values():  # before version 5 only the bag has counts
         files = dict.fromkeys(files, _listed(info) or NOTHING)
     return files, '' if files else f'{METADATA_FILE} lists no file'
 
 
 def _listed(row):
-    """`Listed` of a row of ``files``; None where its numbers are none."""
+    """`Listed` of a row of ``files``; None if a number is invalid."""
     try:
         start = int(_entry(_entry(row, 'starting_time'), 'nanoseconds_since_epoch', str))
         span = int(_entry(_entry(row, 'duration'), 'nanoseconds', str))
@@ -158,13 +158,13 @@ def _listed(row):
 
 
 def _entry(tree, key, kind=dict):
-    """What is under `key`, of one kind; empty where nothing of it does."""
+    """Value of `key`, if it has the given type; otherwise an empty one."""
     value = tree.get(key) if isinstance(tree, dict) else None
     return value if isinstance(value, kind) else kind()
 
 
 def _tree(events, depth=0):
-    """Lists of dicts, lists and str of YAML events: foreign nesting and types cannot hurt."""
+    """YAML events as lists of dicts, lists and str: safe against deep nesting and foreign types."""
     if depth > MAX_NESTING:
         raise ValueError('nested too deep')
     values = []

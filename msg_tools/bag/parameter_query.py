@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Asks every node for its parameters, so that a log tells with what its numbers were made."""
+"""Queries the parameters of all nodes, so that a log documents how its numbers were made."""
 
 import json
 
@@ -22,22 +22,22 @@ from rclpy.parameter import parameter_value_to_python
 
 from ..params import TRUTH_MARK
 
-#: calls of `step` after which an answer counts as lost and is requested again, then twice as many
+#: calls of `step` after which an unanswered request is repeated; the number doubles each time
 PATIENCE = 2
-#: calls of `step` without an answer after which a log may end without it, and none is requested
+#: calls of `step` without an answer after which a log may end without it, and the query is given up
 WAITED_FOR, GIVEN_UP = 16, 500
 
 
 class ParameterCollector:
-    """Asks all nodes of the namespace, without holding anybody up: others are no part of the mount.
+    """Queries all nodes of the namespace without blocking; others do not belong to the mount.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Of whose executor the answers come.
+        Its executor receives the answers.
     take : callable
-        ``take(full node name, {parameter: JSON text}, names)``, with the names of those that say
-        what only the simulator knows (`params.Param.truth`), a set.
+        ``take(full node name, {parameter: JSON text}, names)``; the names, a set, are those of
+        parameters known only to the simulator (`params.Param.truth`).
     """
 
     def __init__(self, node, take):
@@ -49,12 +49,12 @@ class ParameterCollector:
 
     @property
     def awaited(self):
-        """Names of the nodes whose answers are to come: a log that ends now has them not."""
+        """Nodes whose answers are still expected: a log that ends now lacks them."""
         return [name for name, query in self._queries.items()
                 if not query.ended and query.steps < WAITED_FOR]
 
     def step(self):
-        """Look for nodes that are new, and ask again where no answer came; call it now and then."""
+        """Find new nodes and repeat unanswered requests; call it regularly."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full = f'{namespace.rstrip("/")}/{name}'
             if full not in self._known and full.startswith(
@@ -69,13 +69,13 @@ class ParameterCollector:
         try:
             services = self._node.get_service_names_and_types_by_node(name, namespace)
         except NodeNameNonExistentError:
-            return False  # it has just gone
+            return False  # it has just disappeared
         there = {service for service, _ in services}
         return {f'{full}/{verb}_parameters' for verb in ('list', 'describe', 'get')} <= there
 
 
 class _NodeQuery:
-    """One node: what its parameters are called, what is reported of them, what they are."""
+    """Queries one node: names of its parameters, their descriptions, their values."""
 
     def __init__(self, node, name, take):
         self._node, self._name, self._take = node, name, take
@@ -83,11 +83,11 @@ class _NodeQuery:
 
     @property
     def ended(self):
-        """Whether nothing more comes of it."""
+        """Whether no more answers are expected."""
         return self._client is None
 
     def step(self):
-        """Ask where nobody has yet or the answer must be lost; whether there is more to come."""
+        """Send a request if there is none or its answer seems lost; whether to continue."""
         if self.ended:
             return False
         self.steps += 1
@@ -102,7 +102,7 @@ class _NodeQuery:
         self.steps, self._next, self._patience = 0, 0, PATIENCE
 
         def send():
-            # the first answer counts, to whichever question
+            # the first answer counts, whichever request it belongs to
             client.call_async(request).add_done_callback(
                 lambda future: client is self._client and self._node.executor.create_task(
                     then, future.result()))
@@ -139,7 +139,7 @@ class _NodeQuery:
 
 
 def as_text(value):
-    """A parameter's value as JSON text."""
+    """Value of a parameter as JSON text."""
     if isinstance(value, bytes) or hasattr(value, 'tolist'):
         value = list(value)
     return json.dumps(value)

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reading a log: a folder or one MCAP file, finished or not.
+"""Reads a log: a folder or one MCAP file, finished or not.
 
-The reader of `mcap` takes 5 times as long, that of rosbags 13 times as long to the raw messages,
-and it refuses files that are cut off, which a night that ended badly leaves (`telescope-mount
-recover`). This one can go when one of them reads those.
+The reader of `mcap` takes 5 times as long, and that of rosbags 13 times as long to the raw
+messages; the latter also refuses truncated files, as a night that ended badly leaves them
+(`telescope-mount recover`). This reader can be removed when one of them reads those.
 """
 
 import bisect
@@ -36,12 +36,12 @@ from .log import BagMessage, LogTopic, Reader
 from .mcap_records import PARSE_ERRORS, short, walk
 from .metadata import Listed
 
-#: bytes of chunks that overlap in time and are held at once
+#: most bytes of chunks overlapping in time that are held at once
 MAX_HELD = MAX_CHUNK + 64 * 2**20
 
 
 class BagReader(Reader):
-    """Read a bag: a folder or one ``.mcap`` file, finished or not.
+    """Reads a bag: a folder or one ``.mcap`` file, finished or not.
 
     Parameters
     ----------
@@ -58,18 +58,18 @@ class BagReader(Reader):
     start_time, end_time : int or None
         First and last log time, ns since 1970; None without messages.
     complete : bool
-        Every file was closed properly.
+        Whether every file was closed properly.
 
     Raises
     ------
     ValueError
-        Nothing that can be read as a log is there.
+        The path holds nothing that can be read as a log.
     OSError
-        The path may not be read.
+        The path is not readable.
 
     Notes
     -----
-    Of a folder, latched messages that a file repeats from the one before are left out.
+    In a folder, latched messages that a file repeats from the previous one are left out.
     """
 
     SUFFIX = '.mcap'
@@ -105,7 +105,7 @@ class BagReader(Reader):
 
     @property
     def problems(self):
-        """What is wrong with the log, one str each; grows while messages are read."""
+        """Problems of the log, list of str; may grow while messages are read."""
         return super().problems + [
             f'{file.path.name}: the chunk at byte {file.begin + offset} has a damaged head '
             f'({why}); by its checksum nothing of it is lost'
@@ -114,18 +114,18 @@ class BagReader(Reader):
 
     @property
     def lost(self):
-        """(Path, `Lost`) of what could not be read, messages by topic; grows as `problems`."""
+        """Unreadable parts, (Path, `Lost`), messages by topic; grows like `problems`."""
         return [(file.path, part._replace(offset=file.begin + part.offset,
                                           counts=file.by_topic(part.counts)))
                 for file in self._files for part in file.lost]
 
     @property
     def checksums(self):
-        """Whether checksums vouch for all messages that were read so far."""
+        """Whether all messages read so far are covered by checksums."""
         return not any(file.unchecked for file in self._files)
 
     def _found(self):
-        """Of each file that is whole: `Listed`, as metadata.yaml should have it."""
+        """For each complete file its `Listed`, as metadata.yaml should have it."""
         found = {}
         for path in dict.fromkeys(file.path for file in self._files):
             logs = [file for file in self._files if file.path == path]
@@ -138,16 +138,16 @@ class BagReader(Reader):
         return found
 
     def recorded(self):
-        """Messages that were recorded, as far as the log shows.
+        """Number of messages that were recorded, as far as the log shows.
 
         Returns
         -------
         topics : Counter
-            By topic, of files that are there; '' of channels that are not described.
+            By topic, in existing files; '' for undescribed channels.
         others : int
-            Of topics that are not known.
+            Number of messages with unknown topics.
         known : bool
-            Whether these are all.
+            Whether these numbers are complete.
         """
         topics, known = Counter(), True
         missing = Counter({name: row.count for name, row in self._listed.items()})
@@ -191,7 +191,7 @@ class BagReader(Reader):
         return list(merged.values())
 
     def _stored(self, wanted, low, high):
-        """(BagMessage, schema and encoding) of these, as they are."""
+        """(BagMessage, schema and encoding) of these topics and times, not decoded."""
         chosen = {
             id(file): {
                 number: (channel.topic, file.schemas.get(channel.schema_id),
@@ -211,7 +211,7 @@ class BagReader(Reader):
     def last_before(self, topics, end):
         """The newest message of each of `topics` with a log time before `end`, in order.
 
-        Only the chunks that may hold them are read, from the newest on.
+        Reads only the chunks that may contain them, newest first.
 
         Parameters
         ----------
@@ -240,7 +240,7 @@ class BagReader(Reader):
         return sorted(found, key=lambda message: message.log_time)
 
     def _ordered(self, segments, chosen, low, high):
-        """Merge segments that overlap in time; only those under way are in memory."""
+        """Merge segments that overlap in time; only the current ones are in memory."""
         heap, following, held = [], 0, 0
         with ExitStack() as stack:
             streams = {id(f): stack.enter_context(f.open()) for f in self._files}
@@ -257,7 +257,7 @@ class BagReader(Reader):
                 if not heap:
                     continue
                 _, order, number, rows = heap[0]
-                # all that comes before anything else could, in one go
+                # all rows before the start of any other segment at once
                 stop = len(rows)
                 limit = min(
                     segments[following].start if following < len(segments) else 2**64,
@@ -284,12 +284,12 @@ class BagReader(Reader):
             return None
 
     def read_attachment(self, name):
-        """Bytes of the last attachment called `name`.
+        """Bytes of the last attachment named `name`.
 
         Raises
         ------
         ValueError
-            There is none, and the message lists those that are; or it is damaged.
+            There is none (the message lists the existing ones), or it is damaged.
         """
         for info in reversed(self.attachments):
             if info.name == name:
@@ -299,7 +299,7 @@ class BagReader(Reader):
 
 
 class ChunkRows:
-    """The chosen messages of a chunk, in log time order; bytes are cut out when requested."""
+    """Selected messages of a chunk, in log time order; data are sliced on request."""
 
     __slots__ = ('times', '_begins', '_ends', '_buffer', '_chosen', 'size')
 
@@ -329,10 +329,10 @@ class ChunkRows:
         return len(self.times)
 
     def __lt__(self, other):
-        return False  # ties in the heap end with the order of the file
+        return False  # the file order decides ties in the heap
 
     def between(self, number, stop):
-        """(what `chosen` holds, (log time, publish time, data, sequence)) of rows."""
+        """(entry of `chosen`, (log time, publish time, data, sequence)) of some rows."""
         buffer, chosen = self._buffer, self._chosen
         unpack = struct.Struct('<HIQQ').unpack_from
         for begin, end in zip(self._begins[number:stop], self._ends[number:stop]):
@@ -346,20 +346,20 @@ def _may_hold(segment, file, topic):
 
 
 def _follows(file, before):
-    """Whether `before` is the file from which `file` repeats what is latched."""
+    """Whether `before` is the file whose latched messages `file` repeats."""
     names = [re.fullmatch(r'(.*_)(\d{1,9})', part.path.stem) for part in (before, file)]
     return None not in names and names[0][1] == names[1][1] and (
         int(names[0][2]) + 1 == int(names[1][2]))
 
 
 def _drop_repeated(file):
-    """Take the chunk of repeated latched messages out of `file`."""
+    """Remove the chunk of repeated latched messages from `file`."""
     by_topic = {channel.topic: number for number, channel in file.channels.items()}
     if not file.repeated or not file.segments:
         return
     first = min(file.segments, key=lambda segment: segment.offset)
     if not set(file.repeated) >= set(file.by_topic(dict.fromkeys(first.channels, 1))) - {''}:
-        # it was damaged and is not there: nothing of it is lost
+        # that chunk is damaged and not in the list: none of its messages is lost
         file.lost = [part._replace(counts={}, known=True)
                      if part.known and file.by_topic(part.counts) == Counter(file.repeated)
                      and part.offset < first.offset else part for part in file.lost]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Message definitions, type hashes and quality of service, as rosbag2 keeps them in a log."""
+"""Message definitions, type hashes and quality of service in the form of rosbag2 logs."""
 
 import importlib.util
 import json
@@ -31,7 +31,7 @@ except ImportError:  # PyYAML built without libyaml
     from yaml import SafeDumper as _Dumper
     from yaml import SafeLoader as Loader
 
-#: limits of what a foreign channel may say
+#: limits for the contents of a foreign channel
 MAX_QOS_TEXT, MAX_PROFILES, MAX_NESTING = 65536, 100, 20
 _SEPARATOR = '=' * 80
 _PRIMITIVES = frozenset((
@@ -39,7 +39,7 @@ _PRIMITIVES = frozenset((
     'uint32', 'int64', 'uint64', 'string', 'wstring',
 ))
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
-# names by the numbers of rmw/types.h, which metadata before version 9 holds
+# names by the numbers of rmw/types.h, used by metadata before version 9
 _POLICIES = {
     'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
     'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
@@ -83,7 +83,7 @@ def split_type(type_name):
 
 
 def _read_share(type_name, suffix):
-    """Text of a file that comes with a message type, or None."""
+    """Text of a file installed with a message type, or None."""
     package, name = split_type(type_name)
     for prefix in _prefixes(package):
         file = Path(prefix, 'share', package, 'msg', name + suffix)
@@ -107,7 +107,7 @@ def _dependencies(text, package):
 
 @cache
 def message_definition(type_name):
-    """Full text of a message definition: the type, then all that it needs.
+    """Full text of a message definition: the type, then all its dependencies.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def message_definition(type_name):
     Raises
     ------
     ValueError
-        The type, or one that it needs, is not installed.
+        The type or a dependency is not installed.
     """
     included = set()
 
@@ -145,20 +145,19 @@ def message_definition(type_name):
 
 @cache
 def type_hash(type_name):
-    """RIHS01 hash of a message type, as its package was built with.
+    """RIHS01 hash of a message type, from its installed package.
 
-    Where a graph is there, its endpoints tell it (`TopicEndpointInfo.topic_type_hash`).
+    In a running graph, endpoints provide it (`TopicEndpointInfo.topic_type_hash`).
 
     Parameters
     ----------
     type_name : str
-        As of `message_definition`.
+        See `message_definition`.
 
     Returns
     -------
     str
-        ``RIHS01_...``; empty where the package carries none (before ROS 2 Iron), as rosbag2
-        does.
+        ``RIHS01_...``; empty if the package has none (before ROS 2 Iron), as in rosbag2.
     """
     text = _read_share(type_name, '.json')
     entries = json.loads(text)['type_hashes'] if text else ()
@@ -167,12 +166,12 @@ def type_hash(type_name):
 
 
 def qos_dict(profile):
-    """A QoS profile as metadata version 9 holds it: names as strings, times in sec and nsec.
+    """A QoS profile as in metadata version 9: names as strings, durations in sec and nsec.
 
     Parameters
     ----------
     profile : dict or rclpy QoSProfile
-        A dict may leave keys out; policies are strings, enum members or rmw numbers, durations
+        Keys may be missing in a dict; policies are strings, enum members or rmw numbers, durations
         ``{'sec', 'nsec'}``, nanoseconds or objects with ``nanoseconds``.
 
     Returns
@@ -182,7 +181,7 @@ def qos_dict(profile):
     Raises
     ------
     ValueError
-        An unknown policy.
+        A policy is unknown.
     """
     out = {}
     for key, default in _QOS_DEFAULT.items():
@@ -191,7 +190,7 @@ def qos_dict(profile):
             value = default
         if key in _POLICIES:
             names = _POLICIES[key]
-            # enum members of rclpy are ints too: the name decides
+            # enum members of rclpy are ints too: use the name
             text = value if isinstance(value, str) else getattr(value, 'name', None)
             if text is None and isinstance(value, int) and 0 <= value < len(names):
                 text = names[value]
@@ -212,14 +211,14 @@ def qos_dict(profile):
 
 
 class _PlainDumper(_Dumper):
-    """No anchors: yaml-cpp writes none, and two equal durations are no reference."""
+    """Writes no anchors: yaml-cpp writes none, and equal durations are not references."""
 
     def ignore_aliases(self, data):
         return True
 
 
 def dump_yaml(document):
-    """YAML as rosbag2 writes it."""
+    """YAML in the format of rosbag2."""
     return yaml.dump(
         document, Dumper=_PlainDumper, default_flow_style=False, sort_keys=False, width=10**6)
 
@@ -230,7 +229,7 @@ def load_qos(text):
     Raises
     ------
     ValueError
-        The text is no list of QoS profiles.
+        The text is not a list of QoS profiles.
     """
     if len(text) > MAX_QOS_TEXT:
         raise ValueError(f'QoS text of {len(text)} characters')
@@ -242,9 +241,9 @@ def load_qos(text):
             if level > MAX_NESTING:  # the loader of libyaml would crash
                 raise ValueError(f'YAML nested more than {MAX_NESTING} deep')
             if isinstance(event, yaml.ScalarEvent) and event.value == '<<':
-                raise ValueError('YAML with a merge key')  # a few lines of them fill the memory
+                raise ValueError('YAML with a merge key')  # a few lines could fill the memory
         profiles = yaml.load(text, Loader=Loader) or []
-    except Exception as error:  # foreign text fails in any way
+    except Exception as error:  # foreign text can raise anything
         raise ValueError(' '.join(str(error).split())[:120]) from None
     if not isinstance(profiles, list) or not all(isinstance(p, dict) for p in profiles):
         raise ValueError('QoS text is no list of profiles')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reading an MCAP file through, where its index is missing or damaged."""
+"""Scans an MCAP file without an index, or with a damaged one."""
 
 import re
 import struct
@@ -32,11 +32,11 @@ from .mcap_records import (
     walk,
 )
 
-#: bytes that are looked through at a time for the next chunk after a damaged record
+#: size of the windows in which the next chunk after a damaged record is searched, bytes
 WINDOW = 2**22
-#: logs, one behind the other, that are read of a file
+#: most concatenated logs that are read from a file
 MOST_LOGS = 50
-#: records that stand before the end of the data
+#: valid opcodes before the end of the data
 _DATA_OPCODES = frozenset(map(int, (
     Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX,
     Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END)))
@@ -46,7 +46,7 @@ _INDEX = re.compile(rb'\x07.{4}\0{4}', re.DOTALL)
 
 
 def indexes_at(stream, place):
-    """Log times by channel of the message indexes at `place`, and where they end."""
+    """Log times by channel from the message indexes at `place`, and the end of these."""
     times = {}
     while True:
         head = read_at(stream, place, 9)
@@ -62,23 +62,23 @@ def indexes_at(stream, place):
 
 
 class LogScan:
-    """Read a file from its start; after damage go on at the next thing that is whole.
+    """Scans a file from its start; after damage it continues at the next intact part.
 
     Parameters
     ----------
     file : BagFile
-        Takes what is found.
+        Receives the results.
     """
 
     def __init__(self, file):
         self._file, self._size = file, file.size
-        self._plain = None  # start, first time, last time, channels of a row of plain messages
+        self._plain = None  # start, first and last time, channels of consecutive plain messages
         self._any_plain = False
-        self._in_chunk, self._span = Counter(), (0, 0)  # of the last chunk that was read
+        self._in_chunk, self._span = Counter(), (0, 0)  # of the last chunk read
         self._behind = 0  # where the message indexes of the last chunk end
 
     def run(self):
-        """Read it."""
+        """Scan the file."""
         pos, closed = 8, False
         while pos + 9 <= self._size and not closed:
             head = self._file.at(pos, 64)
@@ -91,7 +91,7 @@ class LogScan:
                 continue
             self._end_plain(pos)
             following = None
-            # a chunk is one whatever its opcode
+            # recognize a chunk whatever its opcode
             if opcode == Opcode.CHUNK or CHUNK_HEAD.match(b'\x06' + head[1:]):
                 following = self._take_chunk(pos, length)
             elif end <= self._size and opcode != Opcode.MESSAGE and (
@@ -126,7 +126,7 @@ class LogScan:
                       f'{file.begin + min(pos, self._size)} of {file.begin + self._size}')
 
     def _look_behind(self, pos):
-        """What comes after a log whose data end at `pos`."""
+        """Check what follows a log whose data end at `pos`."""
         file = self._file
         end = self._find(_MAGIC, pos)
         if end is None:
@@ -139,7 +139,7 @@ class LogScan:
             file.lost.append(Lost(end, rest, 'they follow the end of the log', {}, False))
 
     def _is_record(self, pos):
-        """Whether a record of the data may be at `pos`."""
+        """Whether there may be a data record at `pos`."""
         head = self._file.at(pos, 9) if pos < self._size else b''
         return len(head) == 9 and head[0] in _DATA_OPCODES and (
             pos + 9 + struct.unpack_from('<Q', head, 1)[0] <= self._size)
@@ -177,7 +177,7 @@ class LogScan:
     # --- chunks -----------------------------------------------------------------------------
 
     def _take_chunk(self, pos, length):
-        """Take the chunk at `pos`; where the next record is, None where that is not known."""
+        """Read the chunk at `pos`; return the position of the next record, None if unknown."""
         file, end = self._file, pos + 9 + length
         n, = struct.unpack('<I', file.at(pos + 37, 4).ljust(4, b'\0'))
         inner = pos + 49 + n + struct.unpack('<Q', file.at(pos + 41 + n, 8).ljust(8, b'\0'))[0]
@@ -200,7 +200,7 @@ class LogScan:
         return following
 
     def _count_one_of(self, offset, ends):
-        """Count what is in a chunk that ends at one of `ends`: one of its lengths may be wrong."""
+        """Count messages of a chunk that ends at one of `ends`, since a length may be wrong."""
         *others, last = sorted(ends, reverse=True)
         for end in others:
             with suppress(*PARSE_ERRORS):
@@ -208,7 +208,7 @@ class LogScan:
         return self._count(offset, last - offset, cut=False)
 
     def _count(self, offset, length, cut):
-        """Count what is in a chunk; ValueError if it is damaged and not merely cut."""
+        """Count messages of a chunk; ValueError if it is damaged, not just truncated."""
         file = self._file
         try:
             buffer = file.chunk(file.stream, offset, length, cut)
@@ -240,9 +240,9 @@ class LogScan:
     # --- damage -----------------------------------------------------------------------------
 
     def _after_damage(self, pos, end, is_chunk):
-        """Where to go on after a record at `pos` that is none; None where nothing follows."""
+        """Where to continue after an invalid record at `pos`; None if nothing follows."""
         file = self._file
-        if not is_chunk and self._is_record(end):  # nothing but its opcode is wrong
+        if not is_chunk and self._is_record(end):  # only its opcode is wrong
             file.lost.append(Lost(pos, end - pos, 'no record', {}, not self._any_plain))
             return end
         if pos < self._behind and self._is_record(self._behind):
@@ -262,7 +262,7 @@ class LogScan:
         return following
 
     def _next_chunk(self, pos):
-        """Offset of the next whole and sound chunk record from `pos` on, or None."""
+        """Offset of the next complete and valid chunk record from `pos` on, or None."""
         file = self._file
         while pos + 49 <= self._size:
             window = file.at(pos, WINDOW + 64)
@@ -274,7 +274,7 @@ class LogScan:
                 try:
                     file.chunk(file.stream, offset + 9, length, False)
                 except PARSE_ERRORS:
-                    if not file.spend(2**16):  # trying costs time
+                    if not file.spend(2**16):  # limits the time for attempts
                         return None
                     continue
                 return offset
@@ -292,7 +292,7 @@ class LogScan:
         return None
 
     def _indexes_between(self, begin, end):
-        """Log times by channel of message indexes somewhere between, and of no chunk read."""
+        """Log times by channel from message indexes in this range, except those of chunks read."""
         begin, times, place = max(begin, end - 2**24), {}, 0
         part = self._file.at(begin, max(0, end - begin))
         for match in _INDEX.finditer(part):

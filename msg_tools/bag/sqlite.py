@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bags that rosbag2 wrote into SQLite files, read as `BagReader` reads MCAP."""
+"""Reads bags that rosbag2 wrote into SQLite files, like `BagReader` for MCAP."""
 
 import heapq
 import sqlite3
@@ -30,7 +30,7 @@ from .ros_schema import message_definition
 
 
 def open_bag(path):
-    """A reader for a bag of either kind.
+    """A reader for a bag of either format.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def open_bag(path):
     Raises
     ------
     ValueError, OSError
-        It is no bag, or may not be read.
+        It is not a bag, or not readable.
     """
     path = Path(path)
     if path.suffix == '.db3' or (path.is_dir() and not any(path.glob('*.mcap'))
@@ -54,7 +54,7 @@ def open_bag(path):
 
 
 class SqliteReader(Reader):
-    """Read a bag in SQLite; attributes and `messages` are those of `BagReader`.
+    """Reads a bag in SQLite; attributes and `messages` as in `BagReader`.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ class SqliteReader(Reader):
     Raises
     ------
     ValueError
-        It is no bag.
+        It is not a bag.
     OSError
-        It may not be read.
+        It is not readable.
     """
 
     SUFFIX = '.db3'
@@ -117,7 +117,7 @@ class SqliteReader(Reader):
         self.complete = True
 
     def recorded(self):
-        """Messages that were recorded; see `BagReader.recorded`."""
+        """Number of messages that were recorded; see `BagReader.recorded`."""
         topics = Counter()
         for topic in self.topics:
             topics[topic.name] += topic.count
@@ -152,7 +152,7 @@ class SqliteReader(Reader):
         return (schema, encoding) if schema else (None, '')
 
     def _schema(self, type_name):
-        """The `mcap` Schema of a type; None where there is no definition of it, which is told."""
+        """The `mcap` Schema of a type; None if it has no definition, which is a problem."""
         if type_name not in self._described:
             self._described[type_name] = None
             try:
@@ -166,7 +166,7 @@ class SqliteReader(Reader):
         return self._described[type_name]
 
     def _stored(self, wanted, low, high):
-        """(BagMessage, None) of these, as they are."""
+        """(BagMessage, None) of these topics and times, not decoded."""
         for when, _, _, row, data in heapq.merge(
                 *(self._rows_of(n, file, wanted, low, min(high, 2**63 - 1))
                   for n, file in enumerate(self.files)), key=lambda row: row[:3]):
@@ -188,7 +188,7 @@ class SqliteReader(Reader):
         return sorted(found, key=lambda message: message.log_time)
 
     def _rows_of(self, number, file, wanted, low, high):
-        """(time, file, id, topic row, data) of a file, in order."""
+        """(time, file number, id, topic row, data) of messages in a file, in order."""
         rows = {id_: row for id_, row in self._rows[file].items()
                 if wanted is None or row[0] in wanted}
         if not rows:
@@ -209,7 +209,7 @@ class SqliteReader(Reader):
 
 
 def _wal(file):
-    """What SQLite has not put into a file yet."""
+    """File with data that SQLite has not merged yet (write-ahead log)."""
     return file.with_name(f'{file.name}-wal')
 
 
@@ -218,7 +218,7 @@ def _has_wal(file):
 
 
 def _connect(file):
-    # nothing is written beside a file that may not be ours: no locks, no memory that is shared
+    # write no files next to a bag that may not be ours: no locks, no shared memory
     how = 'vfs=unix-none' if _has_wal(file) else 'immutable=1'
     base = sqlite3.connect(f'{file.resolve().as_uri()}?mode=ro&{how}', uri=True)
     base.execute('PRAGMA locking_mode = EXCLUSIVE')

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the topics of the graph are called in a log, in whatever namespace it was recorded."""
+"""Names of the topics of the graph in a log, whatever namespace it was recorded in."""
 
 from .. import topics
 
 
 def prefixes_of(log):
-    """The namespaces, as ``/mount/``, in which a log has observations; those with messages if any.
+    """Namespaces of a log with observations, as ``/mount/``; those with messages if there are any.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def prefixes_of(log):
 
 
 def prefix_of(log):
-    """The namespace of the observations of a log, as ``/mount/``; ``/`` without one.
+    """Namespace of the observations of a log, as ``/mount/``; ``/`` without one.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def prefix_of(log):
     Raises
     ------
     ValueError
-        It has none, or those of several mounts.
+        It has no observations, or those of several mounts.
     """
     found = prefixes_of(log)
     if not found:

