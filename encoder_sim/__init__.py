@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The simulated hardware: what a mount's electronics would send. Only it knows the truth."""
+"""The simulated hardware: sends what a mount's electronics would send. Only it knows the truth."""

@@ -32,65 +32,66 @@ from .field_kinds import choice, drawn, number
 class Absolute(EncoderScale):
     """The absolute encoder of paper 001 on one axis.
 
-    Grey levels are those of the 8 bits. Flaws of disc and CCD are drawn from the seed of the night
-    and stay what they are. What is not a flaw, `Design` explains.
+    Grey levels are in 8 bits. Flaws of disc and CCD are drawn from the seed of the night and stay
+    constant. Parameters that are not flaws are explained in `Design`.
 
     Attributes
     ----------
     code : {'table', 'equation2'}
         The disc of the paper's table 1, or of its eq. 2.
     bar_position_error : float
-        1-sigma of a bar's place on the circle, m.
+        1-sigma error of the position of a bar on the circle, m.
     missing_bars, shifted_bars : float
-        Fraction of the bars that are not there, or not at their place.
+        Fractions of the bars that are absent, or displaced.
     bar_shift : float
-        How far a shifted bar is off, to either side, in bar periods.
+        Displacement of a shifted bar, to either side, in bar periods.
     mounting : {'forward', 'reversed'}
-        Whether the pixels run along the disc or against it, which the reader is not given.
+        Whether the pixels run along the disc or against it; the reader is not told.
     scale_error : float
-        The image is that much larger, relative.
+        Relative error of the image scale; positive: the image is larger.
     tilt, tilt_phase : float
-        Of the disc against the plane across the axis (rad), and the axis angle at which the line
-        of both planes lies at the head (rad). It reads tilt^2 / 4 twice a turn, and the track
-        leaves the focus once a turn by radius * sin(tilt): 0.1 deg are 0.16" and 69 um.
+        Angle between the disc and the plane normal to the axis (rad), and the axis angle at
+        which their line of intersection is at the head (rad). The reading gets an error of
+        tilt^2 / 4 twice a turn, and the track leaves the focus once a turn by
+        radius * sin(tilt): 0.1 deg gives 0.16" and 69 um.
     runout, runout_phase : float
         Axial run-out of the track, to either side (m), and the disc angle at which it is nearest
         to the optics (rad). ESO's encoders at La Silla are mounted to 20 um of axial stroke, with
         0.20 +- 0.07 mm between head and disc (encoder manual, 3.1 to 3.2.1).
     focus_error : float
-        Distance of the track from the focus in the mean of a turn, m.
+        Mean distance of the track from the focus over a turn, m.
     defocus_slope : float
-        Blur that a distance from the focus adds in quadrature, 1-sigma, pixels/m. The default is
-        a numerical aperture of 0.2 at 4.8 um of the disc a pixel.
+        1-sigma blur per distance from the focus, added in quadrature, pixels/m. The default is
+        a numerical aperture of 0.2 with 4.8 um of the disc per pixel.
     lean : float
-        Of the light along the track, against the axis, rad: so far out of the vertical the image
-        moves with the distance, 91" for 1 mm at 1 deg.
+        Tilt of the light along the track against the axis, rad: the image moves with the distance
+        by its tangent, 91" for 1 mm at 1 deg.
     image_growth : float
-        By how much the image gets larger with the distance, relative, 1/m: 1 / (distance of the
-        lens) where it is not telecentric.
+        Relative growth of the image with the distance, 1/m: 1 / (distance of the lens), 0 for a
+        telecentric lens.
     lamp_left : float
         Light of the lamp at the start of the night, relative to a new one. The infrared LED of an
-        encoder keeps more than 90 % for 30 years at 80 degC (Avago, AV02-4387EN, fig. 14), a
-        bare one lost 25 % in 1400 h, most of them at 130 and 180 degC (SciTec, lifetime tests).
+        encoder keeps more than 90 % for 30 years at 80 degC (Avago, AV02-4387EN, fig. 14); a
+        bare one lost 25 % in 1400 h, mostly at 130 and 180 degC (SciTec, lifetime tests).
     lamp_halving : float
-        A fault: time in which a dying lamp loses half of its light, s; 0: it does not.
+        A fault: time in which a failing lamp loses half of its light, s; 0: it does not fail.
     exposure : float
-        Time during which a moving disc smears, s; the stamp is its middle.
+        Exposure time, in which the image of a moving disc smears, s; the stamp is its middle.
     base, contrast : float
-        Grey level between the bars and height of a bar in the inverted image (paper 001, eq. 4).
+        Grey level between the bars, and height of a bar, in the inverted image (paper 001, eq. 4).
     shading_tilt, shading_falloff : float
-        Illumination at the ends of the row, relative to its middle: more by `shading_tilt` at the
-        last pixel and less at the first, and less by `shading_falloff` at both.
+        Illumination at the ends of the row, relative to its middle: `shading_tilt` is added at the
+        last pixel and subtracted at the first, `shading_falloff` is subtracted at both.
     pixel_nonuniformity : float
-        1-sigma of the pixels' sensitivity, relative.
+        1-sigma of the relative sensitivity of the pixels.
     disc_dust, ccd_dust : int
-        Opaque blobs on the track, at random places of the turn, and before the CCD.
+        Number of opaque particles on the track, at random positions, and in front of the CCD.
     dust_size : float
-        Their width, pixels.
+        Width of the particles, pixels.
     noise : float
-        1-sigma of the read-out of a pixel, grey levels.
+        1-sigma read-out noise of a pixel, grey levels.
     full_well : float
-        Electrons at grey level 255, which decide the shot noise; 0: none.
+        Electrons at grey level 255, which determine the shot noise; 0: none.
     """
 
     diameter: float = drawn(Design, 'diameter')
@@ -133,24 +134,24 @@ class Absolute(EncoderScale):
 
     @property
     def design(self):
-        """The drawing, and so all that a reader gets to know; how it is mounted it finds out."""
+        """The design, which is all that a reader is told; it determines the mounting itself."""
         return Design(**{item.name: getattr(self, item.name) for item in fields(Design)
                          if item.name not in ('mounting', 'sense')})
 
 
 class AbsoluteEncoder:
-    """One axis. It reads at once after power-on; where its zero then is, the scenario says.
+    """The encoder of one axis. It reads immediately after power-on; the scenario sets its zero.
 
     Parameters
     ----------
     params : Absolute
     seed : int
     axis : str
-        What it is called.
+        Name of the axis.
     start : float
-        Start of the night, UTC s, from which drifts with time count.
+        Start of the night, UTC s, the origin of drifts with time.
     lowest : float, optional
-        Reading from which a turn begins, as for `axis_reader.AxisReader`.
+        Reading at which a turn begins, see `axis_reader.AxisReader`.
 
     Attributes
     ----------
@@ -168,20 +169,20 @@ class AbsoluteEncoder:
         self.heads = [ccd, *(ccd.other_head(k) for k in range(1, params.heads))]
 
     def power_cycle(self):
-        """Off and on again: what is read from now on may have another zero."""
+        """Switch off and on: the zero of later readings may differ."""
         self.power_on += 1
 
     def power_ons(self, stamps):
-        """Number of the power-on at `stamps` (ns), with those that the scenario made, int."""
+        """Numbers of the power-ons at `stamps` (ns), including those of the scenario, int."""
         return self.power_on + np.searchsorted(
             self._cycles, np.asarray(stamps) * 1e-9 - self.start, side='right')
 
     def zeros(self, stamps):
-        """Shift of the reading by its power-on at `stamps` (ns, shape (n,)), rad."""
+        """Shift of the reading by the power-on at `stamps` (ns, shape (n,)), rad."""
         return np.array([self._zero.at_power_on(n) for n in self.power_ons(stamps).tolist()])
 
     def _shown(self, stamps, angles, rates, temperature, head):
-        """Disc angle at the middle of the row of a head."""
+        """Disc angle at the middle of a head's row."""
         p = self.params
         temperature = p.reference_temperature if temperature is None else temperature
         past = angles - rates * (
@@ -194,7 +195,7 @@ class AbsoluteEncoder:
         return shown + opposite + p.zero_offset + self.zeros(stamps) + drift
 
     def lamp(self, stamps):
-        """Light of the lamp at `stamps` (ns, shape (n,)), relative to a new one; None: as new."""
+        """Light of the lamp at `stamps` (ns, shape (n,)), relative to a new one; None: always 1."""
         p = self.params
         if p.lamp_left == 1.0 and p.lamp_halving == 0.0:
             return None
@@ -202,7 +203,7 @@ class AbsoluteEncoder:
         return p.lamp_left * np.exp2(-fading * (stamps * 1e-9 - self.start))
 
     def frames(self, stamps, angles, rates=0.0, temperature=None):
-        """What the CCDs see.
+        """Frames of the CCDs.
 
         Parameters
         ----------
@@ -211,8 +212,7 @@ class AbsoluteEncoder:
         angles : float or ndarray, shape (n,)
             True angle of the axis, rad.
         rates : float or ndarray, shape (n,)
-            rad/s; with the latency they say where the axis was, with the exposure how the image
-            smears.
+            rad/s; determine the axis angle before the latency, and the smear during the exposure.
         temperature : float or ndarray, optional
             degC.
 
@@ -228,12 +228,12 @@ class AbsoluteEncoder:
             for head, ccd in enumerate(self.heads)])
 
     def read(self, stamps, angles, rates=0.0, temperature=None):
-        """Read the axis; parameters as for `frames`.
+        """Read the axis; parameters as in `frames`.
 
         Returns
         -------
         FrameReadings
-            Angles in rad, NaN where rejected.
+            Angles in rad; NaN if rejected.
         """
         part = read_frames([self.reader], [self.frames(stamps, angles, rates, temperature)])
         return FrameReadings(part.angle[:, 0], part.quality[:, 0], part.sigma[:, 0])

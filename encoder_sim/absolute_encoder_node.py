@@ -41,12 +41,12 @@ PARAMS = (
     Param('frame_rate_hz', 10.0, 'most images a second of simulated time, made only while somebody '
           'subscribes; 0: one for every reading [Hz]', 0.0, 2000.0),
 )
-#: with which no image is lost on the way to the node that reads it
+#: with this quality of service no image is lost on the way to its reader
 EVERY_FRAME = dataclasses.replace(topics.ABSOLUTE_FRAME, quality=topics.DEEP)
 
 
 class AbsoluteEncoders(MountedDevice):
-    """Turns true axis angles into readings; NaN where an image could not be read."""
+    """Converts true axis angles to readings; NaN if an image could not be read."""
 
     def __init__(self, **kwargs):
         super().__init__('absolute_encoder', PARAMS, hardware_id='simulated absolute encoder',
@@ -92,7 +92,7 @@ class AbsoluteEncoders(MountedDevice):
                         frame_message(stamp, [part[:, i] for part in frames]))
 
     def _note_power_ons(self, stamps):
-        """The `PowerOn` of each reading; a new one is published."""
+        """The `PowerOn` of each reading; publishes new ones."""
         numbers = np.max([encoder.power_ons(stamps) for encoder in self._encoders], axis=0)
         out = []
         for stamp, number in zip(stamps.tolist(), numbers.tolist()):
@@ -103,12 +103,12 @@ class AbsoluteEncoders(MountedDevice):
         return out
 
     def _power_cycle(self):
-        self._batch.finish()  # what was seen before is of the power-on before
+        self._batch.finish()  # earlier samples belong to the previous power-on
         for encoder in self._encoders:
             encoder.power_cycle()
         return True, f'absolute encoder: power-on {self._encoders[0].power_on}'
 
     def required(self):
-        """It needs axes to sit on, and in place of its own reader another."""
+        """Requires the mount, and a reader of frames unless it reads them itself."""
         other = set() if self._output else {self._frame_pub.topic_name}
         return super().required() | other

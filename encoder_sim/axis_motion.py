@@ -14,8 +14,8 @@
 
 """Motion of the two axes: slews that catch up with a commanded trajectory, then tracking.
 
-Index 0 is the first axis (azimuth, hour angle), 1 the second. Time is UTC seconds; any monotonic
-time would do.
+Index 0 is the first axis (azimuth, hour angle), 1 the second. Time is in UTC seconds, but any
+monotonic time is possible.
 """
 
 import math
@@ -29,26 +29,26 @@ from .field_kinds import number
 
 AXES = ('azimuth', 'elevation')
 _TURN = 2.0 * np.pi
-# the ringing is damped by this many time constants within the settling time, and swings so often
+# the ringing is damped by this many time constants, and oscillates so often, in the settling time
 _DECAY, _SWINGS = 8.0, 4.0
-#: how many commands back `MountAxes.state` can still answer
+#: number of previous commands for which `MountAxes.state` can still be evaluated
 _MEMORY = 64
 
 
 @dataclass(frozen=True)
 class AxisDynamics:
-    """How an axis moves.
+    """Limits of the motion of an axis.
 
     Attributes
     ----------
     max_rate, max_acceleration : float
-        rad/s and rad/s^2 of the axis.
+        rad/s and rad/s^2.
     settling_time : float
-        Seconds from the end of a slew until the ringing has died out.
+        Time from the end of a slew until the ringing has died out, s.
     settling_amplitude : float
-        Ringing just after a slew at full rate, rad.
+        Amplitude of the ringing just after a slew at full rate, rad.
     travel_min, travel_max : float
-        Ends of the travel, rad.
+        Limits of the travel, rad.
     """
 
     max_rate: float = number(6.0, 'deg_s', 1e-3, 360.0)
@@ -63,7 +63,7 @@ class AxisDynamics:
 class AxisMove:
     """A trapezoidal move: one acceleration, a cruise, the opposite acceleration, and rest.
 
-    Position and rate count from the start of the move, in the frame of the target.
+    Position and rate are relative to the start of the move, in the frame of the target.
     """
 
     distance: float
@@ -76,11 +76,11 @@ class AxisMove:
 
     @property
     def duration(self):
-        """Seconds."""
+        """Duration of the move, s."""
         return self.accelerating + self.cruising + self.braking
 
     def at(self, t):
-        """Position (rad) and rate (rad/s) at `t` seconds after the start, of the shape of `t`."""
+        """Position (rad) and rate (rad/s) `t` seconds after the start, with the shape of `t`."""
         t = np.asarray(t, dtype=float)
         speeding = np.clip(t, 0.0, self.accelerating)
         cruising = np.clip(t - self.accelerating, 0.0, self.cruising)
@@ -106,11 +106,11 @@ def plan_move(distance, rate, limits, frame_rate=0.0):
     distance : float
         rad, signed.
     rate : float
-        At the start, rad/s.
+        Initial rate, rad/s.
     limits : AxisDynamics
-        Of the axis.
+        Limits of the axis.
     frame_rate : float
-        Rate of the frame in which the move is described: that of a target to be caught, rad/s.
+        Rate of the frame in which the move is described, which is that of its target, rad/s.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def plan_move(distance, rate, limits, frame_rate=0.0):
     Raises
     ------
     ValueError
-        The target is as fast as the axis can be.
+        The target is as fast as the axis, or faster.
     """
     top, a = limits.max_rate - abs(frame_rate), limits.max_acceleration
     if top <= 0.0:
@@ -139,17 +139,17 @@ def plan_move(distance, rate, limits, frame_rate=0.0):
 
 
 class Trajectory:
-    """A commanded joint trajectory: cubic Hermite between its points.
+    """A commanded joint trajectory: cubic Hermite interpolation between its points.
 
-    Before the first and after the last point the axes go on at the rate of that point, so that
-    one point with a rate tracks for as long as nothing else is commanded.
+    Before the first and after the last point the axes move at the rate of that point, so that
+    one point with a rate tracks until the next command.
 
     Parameters
     ----------
     times : array_like, shape (n,)
-        Rising, s.
+        Increasing, s.
     positions : array_like, shape (n, 2)
-        Of both axes, rad. The first may jump by whole turns.
+        Of both axes, rad. The first axis may jump by whole turns.
     velocities : array_like, shape (n, 2)
         rad/s.
     """
@@ -161,7 +161,7 @@ class Trajectory:
         self.velocities = np.array(velocities, dtype=float)
 
     def shifted(self, first):
-        """The same with `first` (rad) added to the first axis."""
+        """The same trajectory with `first` (rad) added to the first axis."""
         return Trajectory(self.times, self.positions + [first, 0.0], self.velocities)
 
     def at(self, t):
@@ -192,9 +192,9 @@ class Trajectory:
 
 
 def _short_way(angle, trajectory, limits, word):
-    """Whole turns to add to the trajectory's first angle, rad: the nearest that fits the travel.
+    """Whole turns to add to the trajectory's first angle, rad: the nearest within the travel.
 
-    So the travel of a German mount keeps its counterweight down.
+    So the travel limits of a German mount keep its counterweight down.
     """
     nearest = -np.round((trajectory.positions[0, 0] - angle) / _TURN)
     low, high = trajectory.positions[:, 0].min(), trajectory.positions[:, 0].max()
@@ -210,20 +210,20 @@ def _short_way(angle, trajectory, limits, word):
 
 @dataclass(frozen=True)
 class Leg:
-    """One command carried out: the catch-up of each axis, then the trajectory.
+    """Execution of one command: the catch-up of each axis, then the trajectory.
 
     Attributes
     ----------
     start : float
-        When it began, s.
+        Start time, s.
     trajectory : Trajectory
-        Followed, with the azimuth's turns resolved.
+        Trajectory with resolved turns of the first axis.
     moves : tuple of Move
-        Catch-up of each axis, in the frame that moves with the target at its arrival.
+        Catch-up of each axis, in the frame of the target at the time of arrival.
     arrival : ndarray, shape (2,)
-        When each axis has caught up, s.
+        Time at which each axis has caught up, s.
     settled : float
-        When both have caught up and settled, s.
+        Time at which both have caught up and settled, s.
     """
 
     start: float
@@ -237,7 +237,7 @@ class Leg:
 
     @property
     def approach(self):
-        """Sign of the motion by which each axis came to its target, shape (2,)."""
+        """Sign of the motion with which each axis reached its target, shape (2,)."""
         return np.sign([move.cruise_rate for move in self.moves])
 
     def state(self, t):
@@ -258,7 +258,7 @@ class Leg:
         limits = self.limits[i]
         if limits.settling_time <= 0.0 or limits.settling_amplitude <= 0.0:
             return
-        # a slew that never got fast excites less; it swings on in the direction of the slew
+        # a slower slew excites less ringing; the first swing continues in the slew's direction
         size = limits.settling_amplitude * self.moves[i].cruise_rate / limits.max_rate
         decay = _DECAY / limits.settling_time
         turn = _TURN * _SWINGS / limits.settling_time
@@ -270,20 +270,20 @@ class Leg:
 
 
 def catch_up(start, angles, rates, trajectory, limits, words=AXES):
-    """Plan how both axes reach a trajectory.
+    """Plan the catch-up of both axes with a trajectory.
 
     Parameters
     ----------
     start : float
-        Now, s.
+        Current time, s.
     angles, rates : array_like, shape (2,)
-        State of the axes now, rad and rad/s.
+        Current state of the axes, rad and rad/s.
     trajectory : Trajectory
-        To be followed from then on. The first axis takes the short way where the travel allows it.
+        Trajectory to follow. The first axis takes the shortest way that its travel allows.
     limits : sequence of AxisDynamics, length 2
-        Of both axes.
+        Limits of both axes.
     words : sequence of str, length 2
-        What they are called, for people.
+        Names of the axes, for people.
 
     Returns
     -------
@@ -305,19 +305,19 @@ def catch_up(start, angles, rates, trajectory, limits, words=AXES):
     start, angles, rates = float(start), [float(v) for v in angles], [float(v) for v in rates]
     for i, limit in enumerate(limits):
         def meeting(duration, i=i, limit=limit):
-            """The move, and the target's rate, if they meet after so long."""
+            """The move if it takes that long, and the target's rate."""
             target, rate = (float(values[0, i]) for values in trajectory.at(start + duration))
             distance = target - rate * duration - angles[i]
             return plan_move(distance, rates[i] - rate, limit, rate), rate
 
         duration = 0.0
-        # the target's place and rate at the arrival decide the arrival: iterate
+        # arrival time and the target's state at arrival depend on each other: iterate
         for _ in range(60):
             move, rate = meeting(duration)
             before, duration = duration, move.duration
             if abs(duration - before) < 1e-12:
                 break
-        # a move of a hair's breadth may go to and fro between two roots a microsecond apart
+        # for tiny moves the iteration may alternate between two roots a microsecond apart
         if abs(duration - before) > 1e-4:
             move, rate, duration = _met(meeting, max(duration, before))
         if move is None:
@@ -336,9 +336,9 @@ def catch_up(start, angles, rates, trajectory, limits, words=AXES):
 
 
 def _met(meeting, long):
-    """Where a target that brakes is met: move, its rate and duration; Nones if nowhere."""
+    """Solve for the meeting with a braking target: move, its rate and duration; Nones if none."""
     early, late = 0.0, long
-    for _ in range(10):  # so late that the axis would have been there before
+    for _ in range(10):  # find a time at which the axis would have been early
         if meeting(late)[0].duration <= late:
             break
         early, late = late, 2.0 * late
@@ -353,20 +353,20 @@ def _met(meeting, long):
 
 
 class MountAxes:
-    """Both axes with the commands that they were given.
+    """Both axes and their recent commands.
 
     Parameters
     ----------
     first, second : AxisDynamics
-        Of the axes.
+        Limits of the axes.
     time : float
-        At which they stand still at `angles`, s.
+        Time at which they are at rest at `angles`, s.
     angles : array_like, shape (2,)
         rad.
     words : sequence of str, length 2
-        What they are called, for people.
+        Names of the axes, for people.
     hair : float
-        Moves that are no longer leave the side from which an axis came, rad.
+        Shorter moves do not change the direction from which an axis came, rad.
     """
 
     def __init__(self, first, second, time, angles, words=AXES, hair=0.0):
@@ -377,40 +377,40 @@ class MountAxes:
             Leg(time, rest, (nothing, nothing), np.full(2, time), time, self.limits,
                 np.array(angles, dtype=float), np.zeros(2))
         ]
-        self._sides = [np.zeros(2)]  # from which each axis came, of each of them
+        self._sides = [np.zeros(2)]  # approach direction of each axis, for each leg
 
     @property
     def leg(self):
-        """The command that is being carried out."""
+        """The command being executed."""
         return self._legs[-1]
 
     def arrival(self, start, trajectory):
-        """When both axes would follow `trajectory`, settled, if commanded at `start`: s."""
+        """Time when both axes would have settled on `trajectory`, if commanded at `start`, s."""
         return self._plan(start, trajectory).settled
 
     def follow(self, start, trajectory):
-        """Carry out `trajectory` from `start` on.
+        """Execute `trajectory` from `start` on.
 
         Parameters
         ----------
         start : float
-            Not before the last command, s.
+            Not before the previous command, s.
         trajectory : Trajectory
 
         Returns
         -------
         float
-            When both axes follow it, settled, s.
+            Time at which both axes have settled on it, s.
 
         Raises
         ------
         ValueError
-            As `catch_up`; the axes then keep to the last command.
+            See `catch_up`; the axes then continue with the previous command.
         """
         if start < self._legs[-1].start:
             raise ValueError('command older than the one being carried out: check its stamp')
         leg = self._plan(start, trajectory)
-        # an axis that was not asked to move keeps its side
+        # an axis that hardly moves keeps its direction
         moved = np.abs([move.distance for move in leg.moves]) >= self._hair
         side = np.where(moved & (leg.approach != 0.0), leg.approach, self._sides[-1])
         self._legs = [*self._legs[1 - _MEMORY :], leg]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Track and bearing of the first axis, which leans as it turns: harmonics, bumps, run-out."""
+"""Track and bearing of the first axis, which tilt it as it turns: harmonics, bumps, run-out."""
 
 from dataclasses import dataclass
 
@@ -26,9 +26,9 @@ from .seeing import ar_noise
 
 @dataclass(frozen=True)
 class Wobble:
-    """One harmonic of the azimuth bearing: the axis leans by amplitude * cos(k A - phase).
+    """One harmonic of the azimuth bearing: the axis tilts by amplitude * cos(k A - phase).
 
-    ``lean`` is the side towards which it leans, as seen by the tube: ``forward``, where the tube
+    ``lean`` is the direction of the tilt, as seen from the tube: ``forward``, where the tube
     points, or ``left`` of it.
     """
 
@@ -38,16 +38,16 @@ class Wobble:
     phase: float = number(0.0, 'deg', -360.0, 360.0)
 
     def lean_at(self, turned):
-        """Lean, rad, where the axis has turned so far."""
+        """Tilt, rad, at the axis angle `turned`."""
         return self.amplitude * np.cos(self.per_turn * turned - self.phase)
 
 
 @dataclass(frozen=True)
 class Bump:
-    """A bump of the azimuth track: where the tube points over it, the axis leans by `amplitude`.
+    """A bump of the azimuth track: the axis tilts by `amplitude` when the tube points over it.
 
-    It falls off on both sides as a Gaussian of 1-sigma `width`; ``lean`` as for `Wobble`. Of
-    `count` equal joints in a turn one is `at`.
+    The tilt falls off as a Gaussian of 1-sigma `width`; ``lean`` as in `Wobble`. There are `count`
+    equal bumps, evenly spaced around the track, one of them `at`.
     """
 
     at: float = number(0.0, 'deg', -360.0, 360.0)
@@ -57,32 +57,32 @@ class Bump:
     amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
 
     def lean_at(self, turned):
-        """Lean, rad, where the axis has turned so far."""
+        """Tilt, rad, at the axis angle `turned`."""
         away = wrap(self.count * (turned - self.at)) / self.count
         return self.amplitude * np.exp(-0.5 * (away / self.width) ** 2)
 
 
 @dataclass(frozen=True)
 class Runout:
-    """Non-repetitive run-out of the azimuth bearing: a lean that no turn of the axis repeats.
+    """Non-repetitive run-out of the azimuth bearing: a tilt that differs from turn to turn.
 
-    Balls that are not alike go round with their cage, (1 - d / D cos a) / 2 times a turn of the
-    axis for balls of diameter d on a circle D at contact angle a (T. A. Harris, Rolling Bearing
-    Analysis, ch. 25), and slip. ISO 230-7 and ASME B89.3.4 call it asynchronous error motion.
+    Unequal balls move with their cage, (1 - d / D cos a) / 2 times a turn of the axis for balls of
+    diameter d on a circle D at contact angle a (T. A. Harris, Rolling Bearing Analysis, ch. 25),
+    and slip. ISO 230-7 and ASME B89.3.4 call it asynchronous error motion.
 
     Attributes
     ----------
     per_turn : float
-        Periods in a turn of the axis: 0.4 to 0.45 for the cage, that times the number of balls
+        Periods per turn of the axis: 0.4 to 0.45 for the cage, and that times the number of balls
         for their passing.
     lean : {'forward', 'left'}
-        As for `Wobble`.
+        See `Wobble`.
     amplitude, phase : float
         rad.
     slip : float
-        1-sigma by which the balls are ahead or behind in phase, rad,
+        1-sigma of the phase error of the balls, rad.
     slip_time : float
-        and the time after which they have forgotten it, s.
+        Correlation time of the slip, s.
     """
 
     per_turn: float = number(0.43, '', 0.01, 1000.0)
@@ -93,12 +93,12 @@ class Runout:
     slip_time: float = number(0.5, 'h', 1e-3, 1000.0)
 
     def lean_at(self, turned, slipped=0.0):
-        """Lean, rad, where the axis has turned so far; `slipped` in sigmas."""
+        """Tilt, rad, at the axis angle `turned`; `slipped` in sigmas."""
         return self.amplitude * np.cos(self.per_turn * turned - self.phase + self.slip * slipped)
 
 
 class AzimuthTrack:
-    """All that the first axis turns on.
+    """Track and bearing of the first axis.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class AzimuthTrack:
     bumps : tuple of Bump
     runouts : tuple of Runout
     seed : int
-        Of what slips.
+        Seed of the slip.
     """
 
     def __init__(self, wobble, bumps, runouts, seed=0):
@@ -118,18 +118,18 @@ class AzimuthTrack:
 
     @property
     def perfect(self):
-        """Whether nothing leans."""
+        """Whether nothing tilts the axis."""
         return not (self._fixed or self._runouts)
 
     def leans(self, turned, since=None):
-        """Leans of the axis to the left of the tube, and to where it points.
+        """Tilts of the axis to the left of the tube, and forward.
 
         Parameters
         ----------
         turned : ndarray, shape (n,)
-            rad; whole turns count.
+            Axis angle with its turns, rad.
         since : float or ndarray, optional
-            Since the start of the night, s; without it nothing slips.
+            Time since the start of the night, s; without it there is no slip.
 
         Returns
         -------

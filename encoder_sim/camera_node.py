@@ -27,9 +27,9 @@ from .mount_geometry import FORWARD, MountGeometry, bent
 from .star_camera import Camera
 from .wind_gusts import WindLoad
 
-#: so few samples of an exposure are of axes that move evenly, or say no more
+#: up to so many samples per exposure the axes move smoothly, or the samples show no more
 SMOOTH = 3
-#: for who reads `/diagnostics`
+#: row for readers of `/diagnostics`
 STAMPS = 'stamp of miss_distance', 'middle of the exposure'
 PARAMS = (
     *DEVICE_PARAMS, *SKY_PARAMS,
@@ -43,7 +43,7 @@ PARAMS = (
 
 
 class StarCamera(MountedDevice):
-    """Exposes whenever true angles come; NaN says that no star was measured."""
+    """Exposes whenever true angles arrive; NaN if no star was measured."""
 
     def __init__(self, **kwargs):
         super().__init__('camera', PARAMS, hardware_id='simulated camera', **kwargs)
@@ -67,14 +67,14 @@ class StarCamera(MountedDevice):
             self._camera.site.latitude)
 
     def parameters_changed(self, names):
-        """The sky through other air."""
+        """Recompute the sky with the new atmosphere."""
         self._build()
 
     def _on_truth(self, message):
         stamp, angles, rates, side = convert.read_joints(message)
         length = self.value('exposure_s')
         samples = self._samples
-        # a gap ends an exposure: the mount has moved in between
+        # a gap ends an exposure, since the mount has moved
         if samples and not 0 < stamp - samples[-1][0] <= 1e9 * length:
             samples.clear()
         samples.append((stamp, angles, side))
@@ -86,13 +86,13 @@ class StarCamera(MountedDevice):
         stamps, angles, sides = map(np.array, zip(*self._samples))
         begin, end = stamps[0], stamps[-1]
         middle = begin + (end - begin) // 2
-        # differences of the stamps: as floats, nanoseconds since 1970 are too coarse
+        # use differences of stamps: nanoseconds since 1970 are too coarse as floats
         since = (stamps - begin).astype(float)
         at = np.array([0.0, float(middle - begin), float(end - begin)])
         turned, raised = wrap(angles[:, 0] - angles[0, 0]), angles[:, 1]
         az, el = (np.interp(at, since, moved) for moved in (turned, raised))
         if len(since) > SMOOTH:
-            # an image is where the axes were on the mean
+            # an image is centred on the mean axis position
             az[1], el[1] = (np.trapezoid(moved, since) / since[-1] for moved in (turned, raised))
         az += angles[0, 0]
         moments = np.array([begin, middle, end])
@@ -106,7 +106,7 @@ class StarCamera(MountedDevice):
                 (moments - self.start) * 1e-9, frames[:, FORWARD], self.value('exposure_s')))
         measured = self._camera.expose(moments, frames)
         stars = measured.miss if len(set(measured.hip)) == 1 else np.full((3, 2), np.nan)
-        # of what is in the field the one that stays on its pixels is the one followed
+        # follow the object of the field that moves least on the chip
         tracks = [stars, self._camera.expose_satellite(moments, frames)]
         smear = [np.hypot(*(track[2] - track[0])) for track in tracks]
         best = int(np.argmin(np.nan_to_num(smear, nan=np.inf)))
@@ -117,5 +117,5 @@ class StarCamera(MountedDevice):
         self._pub.publish(convert.sky_vector(int(middle), *miss))
 
     def details(self):
-        """Exposures without a star, what their time is."""
+        """Number of exposures without a star, and the meaning of the stamp."""
         return [('exposures without a star', str(self._without)), STAMPS]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The linear CCD that looks at the code disc of paper 001, with all that may be wrong with both."""
+"""The linear CCD of paper 001 and the code disc in front of it, with the flaws of both."""
 
 import copy
 import math
@@ -24,22 +24,22 @@ from encoder_reading.disc import INVERSION, along_track, blurred_bar, half_width
 
 from . import keyed_noise
 
-_FINE = 64  # entries of the bar's profile a pixel
+_FINE = 64  # entries of the bar's profile per pixel
 _CHUNK = 64  # frames rendered at once, to bound the memory
 _PIECE = 2**13  # steps of the track tabulated at once: they stay in the processor's cache
 
 
 class Profile:
-    """Light that one bar adds to the inverted image, 0 to 1, behind the Gaussian blur.
+    """Profile of one bar in the inverted image, 0 to 1, after the Gaussian blur.
 
     Parameters
     ----------
     half_widths : sequence of float
-        Of the kinds of bars, pixels.
+        Half widths of the kinds of bars, pixels.
     blur : float
-        1-sigma, pixels.
+        1-sigma blur, pixels.
     reach : float
-        Distance up to which it is wanted, pixels.
+        Largest distance for `at`, pixels.
     """
 
     def __init__(self, half_widths, blur, reach):
@@ -59,28 +59,28 @@ class Profile:
 
 
 class LinearCCD:
-    """Frames of a disc: dark bars on light ground, in 8 bits.
+    """Frames of a disc: dark bars on a light background, in 8 bits.
 
     Parameters
     ----------
     params : absolute.Absolute
     disc : disc.Disc
     seed : int
-        Decides the flaws and the noise.
+        Seed of flaws and noise.
     device : str
-        Name of the encoder: discs of the same seed and name have the same flaws.
+        Name of the encoder: discs with the same seed and name have the same flaws.
 
     Notes
     -----
-    The light of the whole track is tabulated once, so that flaws of the disc cost nothing later;
-    a frame is a look into the table. Of a disc that leaves the focus (`defocus`) there are tables
-    of several blurs, and a frame lies between two of them.
+    The light of the whole track is tabulated once, so flaws of the disc cost nothing later, and
+    a frame is a table look-up. For a disc that leaves the focus (`defocus`) there are tables of
+    several blurs, between which frames are interpolated.
     """
 
     def __init__(self, params, disc, seed=0, device='absolute'):
         self.params, self.disc = params, disc
         self._seed, self._device = seed, f'{device}/0'
-        # steps of the track's table: of a pixel about so many, of the turn a whole number
+        # table entries: about so many per pixel, and a whole number per turn
         turn = disc.bars * params.bar_pitch
         self._last = round(turn * int(np.clip(48.0 / params.blur, 8.0, 64.0)))
         self._steps = self._last / turn
@@ -94,17 +94,17 @@ class LinearCCD:
         self._offset = self._steps * params.bar_pitch * along_track(
             offset / (params.bar_pitch * (1.0 + params.scale_error)), params.geometry,
             disc.bars)
-        # where a row begins in the table, which entry each pixel sees from there, and what is over
+        # start of a row in the table, entry of each pixel relative to it, and the fraction left
         self._begin = math.floor(self._offset.min())
         entry = np.floor(self._offset)
         self._entry = (entry - self._begin).astype(np.intp)
         self._over = (self._offset - entry).astype(np.float32)
-        # a row that begins at the end of the turn goes on
+        # continue the table for rows that extend beyond the turn
         self._track = np.take(track, np.arange(self._last + self._entry.max() + 3), mode='wrap')
         self._gain = self._sensitivity().astype(np.float32)
 
     def other_head(self, number):
-        """Another CCD, 1, 2, ..., with its own pixels, that looks at the same disc."""
+        """Another CCD with its own pixels in front of the same disc; `number` is 1, 2, ...."""
         other = copy.copy(self)
         other._device = f'{self._device.rsplit("/", 1)[0]}/{number}'
         other._gain = other._sensitivity().astype(np.float32)
@@ -116,7 +116,7 @@ class LinearCCD:
         return kind(self._seed, device, purpose, np.arange(n))
 
     def bar_places(self, device):
-        """Places of the bars' centres in bar periods, and which bars there are, shape (bars,)."""
+        """Positions of the bars' centres in bar periods, and which bars exist, shape (bars,)."""
         p, n = self.params, self.disc.bars
         period = math.pi * p.diameter / n
         place = np.arange(float(n))
@@ -131,13 +131,13 @@ class LinearCCD:
         return place, present
 
     def _ground(self, device):
-        """Grey level along the track, `_steps` a pixel, from the middle of bar 0 once around."""
+        """Grey level along the track, `_steps` per pixel, for one turn from the middle of bar 0."""
         p, n = self.params, self.disc.bars
         place, present = self.bar_places(device)
         shift = (place - np.arange(n)) * p.bar_pitch
         kind = np.where(present, self.disc.bits, 2).astype(np.int64)
         reach = 1.5 * p.bar_pitch + np.abs(shift).max() + 1.0
-        # a missing bar is one without width
+        # a missing bar has zero width
         profile = Profile((*half_widths(p.design, n), 0.0), p.blur, reach)
         grey = np.empty(self._last)
         for i in range(0, len(grey), _PIECE):
@@ -160,7 +160,7 @@ class LinearCCD:
         return grey.astype(np.float32)
 
     def _sensitivity(self):
-        """What each pixel makes of the light: shading, dust, sensitivity."""
+        """Relative sensitivity of each pixel: shading, dust, non-uniformity."""
         p = self.params
         along = np.linspace(-1.0, 1.0, p.pixels)
         gain = 1.0 + p.shading_tilt * along - p.shading_falloff * along**2
@@ -170,12 +170,12 @@ class LinearCCD:
         return gain * self.dust(places[np.newaxis])[0]
 
     def dust(self, places):
-        """Light that opaque blobs leave over, 0 to 1.
+        """Transmission of the dust in front of the CCD, 0 to 1.
 
         Parameters
         ----------
         places : array_like, shape (n, k)
-            Pixels at which k blobs of the size ``params.dust_size`` have their centres.
+            Centres, in pixels, of k opaque particles of the size ``params.dust_size``.
 
         Returns
         -------
@@ -199,7 +199,7 @@ class LinearCCD:
         angles : array_like, shape (n,)
             Angle of the disc at the middle of the row, rad.
         rates : array_like, shape (n,), optional
-            Its rate, rad/s: with ``params.exposure`` the image smears.
+            Rate of the disc, rad/s: smears the image during ``params.exposure``.
 
         Returns
         -------
@@ -220,7 +220,7 @@ class LinearCCD:
         return self._look(place) * self._gain
 
     def _look(self, place):
-        """The track where the rows see it that have their middle at `place` (steps)."""
+        """The track as seen by rows with their middle at `place` (steps)."""
         first = np.floor(place)
         at = self._over + (place - first).astype(np.float32)[:, np.newaxis]
         more = at >= 1.0
@@ -237,7 +237,7 @@ class LinearCCD:
         return grey
 
     def _out_of_focus(self, angles, rates):
-        """The track as `light` wants it, at the height that it has where it is read."""
+        """The track for `light`, blurred according to its height where it is read."""
         p, focus = self.params, self._defocus
         height = focus.height(angles)
         shown = angles + focus.shift(height)
@@ -245,7 +245,7 @@ class LinearCCD:
         offset = self._offset / focus.growth(height)[:, np.newaxis]
         way = np.broadcast_to(rates * p.exposure, angles.shape)
         pixels = np.abs(way).max() / self.disc.bar_angle * p.bar_pitch
-        # the smear as the mean of looks so many pixels apart
+        # approximate the smear by averaging looks half a pixel apart
         looks = 1 if pixels <= 0.25 else math.ceil(2.0 * pixels)
         grey = np.zeros(offset.shape, dtype=np.float32)
         for look in range(looks):
@@ -285,20 +285,20 @@ class LinearCCD:
         return ((integral(at + half) - integral(at - half)) / (2.0 * half)).astype(np.float32)
 
     def render(self, angles, noise=None, rates=0.0, dust=None, lamp=None):
-        """Frames as the CCD delivers them.
+        """Frames as delivered by the CCD.
 
         Parameters
         ----------
         angles : array_like, shape (n,)
             Angle of the disc at the middle of the row, rad.
         noise : ndarray, shape (n, pixels), optional
-            In units of its standard deviation: ``params.noise`` and the shot noise.
+            In units of its standard deviation, from ``params.noise`` and the shot noise.
         rates : array_like, shape (n,), optional
             Rate of the disc, rad/s.
         dust : ndarray, shape (n, k), optional
-            Pixels where further blobs lie, frame by frame.
+            Positions of additional dust in pixels, for each frame.
         lamp : ndarray, shape (n,), optional
-            Its light in each frame, relative.
+            Relative light of the lamp in each frame.
 
         Returns
         -------
@@ -330,14 +330,14 @@ class LinearCCD:
         return np.sqrt(p.noise**2 + np.maximum(grey, 0.0) * (255.0 / p.full_well))
 
     def frames(self, stamps, angles, rates=0.0, lamp=None):
-        """Frames with the noise that belongs to their stamps.
+        """Frames with noise, which is determined by their stamps.
 
         Parameters
         ----------
         stamps : array_like of int, shape (n,)
             ns.
         angles, rates, lamp
-            As for `render`.
+            See `render`.
         """
         p = self.params
         if p.noise == 0.0 and p.full_well == 0.0:
@@ -348,10 +348,10 @@ class LinearCCD:
 
 @lru_cache(maxsize=1)
 def _quantiles():
-    """The middle of each of 65 536 equally likely parts of the normal distribution."""
+    """Centres of 65 536 equally likely parts of the normal distribution."""
     from statistics import NormalDist
 
-    # some exactly, close at the end of the tail; they are smooth between
+    # compute some exactly, densely in the tail, and interpolate between them
     p = (np.arange(32768) + 0.5) / 65536
     ends = np.unique(np.concatenate([np.arange(256), np.geomspace(256, 32767, 512).astype(int)]))
     inverse = NormalDist().inv_cdf
@@ -361,16 +361,16 @@ def _quantiles():
 
 
 def pixel_noise(seed, device, stamps, pixels):
-    """Normal random numbers of mean 0 and standard deviation 1, one a pixel.
+    """Normal random numbers of mean 0 and standard deviation 1, one per pixel.
 
-    16 of the bits of `keyed_noise.bits` each, by a table: many times faster than
-    `keyed_noise.normal`, independent in the same way, and good enough for pixels in 8 bits: 65 536
+    Each uses 16 of the bits of `keyed_noise.bits`, with a table: many times faster than
+    `keyed_noise.normal`, equally independent, and good enough for pixels in 8 bits: 65 536
     different values, up to 4.3.
 
     Parameters
     ----------
     seed, device, stamps
-        As the arguments of `keyed_noise.normal`.
+        See `keyed_noise.normal`.
     pixels : int
 
     Returns
@@ -381,29 +381,29 @@ def pixel_noise(seed, device, stamps, pixels):
     return _quantiles()[bits.view(np.uint16)[:, :pixels]]
 
 
-#: by which the square of the blur grows from one table of the track to the next
+#: ratio of the squared blur between adjacent tables of the track
 _GROWTH = 1.1
 
 
 class Defocus:
-    """A disc with axial run-out, or tilted, in front of its optics.
+    """Defocus of a disc with axial run-out or tilt.
 
     Parameters
     ----------
     params : absolute.Absolute
     steps : float
-        Entries of the track's table a pixel.
+        Table entries per pixel.
 
     Attributes
     ----------
     sharp : bool
-        Whether the disc stays in focus, and the image is that of any ideal disc.
+        Whether the disc stays in focus, so that its image is that of an ideal disc.
 
     Notes
     -----
     At a distance z from the focus a point becomes a patch of radius z tan u, with sin u the
-    numerical aperture, whose 1-sigma is half of that; as a Gaussian it joins the blur in
-    quadrature. Where the light comes at an angle w along the track, the image moves by z tan w.
+    numerical aperture. Its 1-sigma is half of that, added to the blur in quadrature, as for a
+    Gaussian. For light at an angle w along the track, the image moves by z tan w.
     """
 
     def __init__(self, params, steps):
@@ -415,26 +415,26 @@ class Defocus:
         self.sharp = self._farthest * max(p.defocus_slope, abs(p.lean), abs(p.image_growth)) == 0.0
 
     def height(self, angles):
-        """Distance of the track from the focus, m, where the disc angle `angles` is read."""
+        """Distance of the track from the focus, m, where it is read at the disc angles `angles`."""
         p = self._params
         return (p.focus_error + p.runout * np.cos(angles - p.runout_phase)
                 + self._stroke * np.sin(angles - p.tilt_phase))
 
     def shift(self, height):
-        """By how much the disc seems further, rad, with the track at `height` (m)."""
+        """Apparent shift of the disc, rad, with the track at `height` (m)."""
         return height * math.tan(self._params.lean) / self._radius
 
     def growth(self, height):
-        """Scale of the image, relative, with the track at `height` (m)."""
+        """Relative scale of the image with the track at `height` (m)."""
         return 1.0 + self._params.image_growth * height
 
     def tables(self, track):
-        """The track through more and more blur.
+        """The track with increasing blur.
 
         Parameters
         ----------
         track : ndarray, shape (entries,)
-            Once around.
+            Track of one turn.
 
         Returns
         -------
@@ -451,7 +451,7 @@ class Defocus:
             for more in self._variance], dtype=np.float32)
 
     def between(self, height):
-        """Which of `tables` lies below the blur of each height, and how far it is to the next."""
+        """Index of the table below the blur of each height, and the fraction to the next one."""
         more = (self._params.defocus_slope * height) ** 2
         if len(self._variance) == 1:
             return np.zeros(len(more), dtype=np.intp), np.zeros(len(more))

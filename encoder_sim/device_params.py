@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the nodes of the simulated devices share: parameters, scenario, start of the night."""
+"""Common parts of the nodes of simulated devices: parameters, scenario, start of the night."""
 
 from msg_tools import convert, topics
 from msg_tools.iso_time import iso_seconds
@@ -20,17 +20,17 @@ from msg_tools.node import MountNode, Param
 
 from .scenario_file import load_scenario
 
-#: a day before the seconds of builtin_interfaces/Time (int32) run out, for the night itself
+#: end of the seconds of builtin_interfaces/Time (int32), minus a day for the night itself
 LAST_SECOND = 2**31 - 86400
 
 
 def parse_utc(text):
-    """Nanoseconds since 1970 of an ISO 8601 date, UTC unless it says otherwise.
+    """Nanoseconds since 1970 of an ISO 8601 date, UTC by default.
 
     Raises
     ------
     ValueError
-        It is no date, or outside of what a ROS time message can hold.
+        Not a date, or outside the range of ROS time messages.
     """
     seconds = round(iso_seconds(text))
     if not 0 < seconds < LAST_SECOND:
@@ -52,17 +52,17 @@ MAX_RATE = Param(
 
 
 class MountedDevice(MountNode):
-    """Sits on the mount, and works on the true angles of its axes.
+    """A device on the mount, which receives the true angles of its axes.
 
     Attributes
     ----------
     scenario : scenario.Scenario
     names : tuple of str
-        Of the axes, as joints.
+        Joint names of the axes.
     words : tuple of str
-        The same for people.
+        Names of the axes for people.
     start : int
-        Of the night, ns.
+        Start of the night, ns.
     """
 
     def __init__(self, *args, **kwargs):
@@ -72,21 +72,21 @@ class MountedDevice(MountNode):
         self.start = parse_utc(self.value('start_time'))
 
     def encoders(self, kind, pair, **where):
-        """An encoder of `kind` on each axis, as the scenario has the `pair`."""
+        """An encoder of `kind` for each axis, with the parameters of `pair` in the scenario."""
         return [kind(getattr(pair, axis), self.value('seed'), name, start=self.start * 1e-9,
                      **where) for axis, name in zip(convert.AXES, self.names)]
 
     def warmth(self, stamps, behind=0.0):
-        """Temperature of mount and encoders at `stamps` (ns), degC; `behind` (s) the air."""
+        """Temperature of mount and encoders at `stamps` (ns), degC; `behind`: time constant, s."""
         return self.scenario.temperature(stamps * 1e-9, self.start * 1e-9, behind)
 
     def required(self):
-        """It needs axes to sit on."""
+        """Requires the mount."""
         return {self.resolve_topic_name(topics.TRUTH_JOINTS.name)}
 
 
 class Decimator:
-    """Lets a sample pass when at least 1/rate has gone by since the last one that passed."""
+    """Passes a sample if at least 1/rate has elapsed since the last one passed."""
 
     def __init__(self):
         self._last = None

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far the axes stay behind their demand: `Drive` at work."""
+"""Lag of the axes behind their demand, from servo and friction."""
 
 from dataclasses import dataclass
 
@@ -23,34 +23,34 @@ from . import keyed_noise
 from .axis_motion import AXES
 from .field_kinds import number
 
-#: so many time constants of the loop are remembered, in pieces of one with 8 nodes each
+#: length of the loop's memory in time constants, integrated in steps of one with 8 nodes each
 _REMEMBERED = 30
 _NODES, _WEIGHTS = leggauss(8)
-#: rad from one call to the next: less is no slew (sidereal rate at 10 a second is 7e-6)
+#: rad between calls; smaller motions are no slew (sidereal rate at 10 calls a second is 7e-6)
 _SLEWS = 1e-4
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The servo and the friction of one axis.
+    """Servo and friction of one axis.
 
-    A position loop of finite gain lags behind a demand that moves: by rate / gain (velocity error
+    A position loop of finite gain lags behind a moving demand by rate / gain (velocity error
     of a type-1 servo; W. Gawronski, IPN Progress Report 42-159, 2004, for antennas and telescopes).
-    Where static friction exceeds the sliding one, the axis sticks until the drive has wound up, and
-    slips: the slip and the rate below which that happens as of B. Armstrong-Helouvry 1990, Proc.
-    IEEE ICRA, 1377 (Stribeck friction); a telescope so measured: that of ARIES, 50/80 cm, LuGre.
+    If static friction exceeds sliding friction, the axis sticks until the drive has wound up, then
+    slips: slip and rate limit follow B. Armstrong-Helouvry 1990, Proc. IEEE ICRA, 1377 (Stribeck
+    friction); measured at the ARIES telescope, 50/80 cm, LuGre.
 
     Attributes
     ----------
     gain : float
-        Velocity constant of the position loop, rad/s a rad; 0: ideal. About 2 pi times the
+        Velocity constant of the position loop, rad/s per rad; 0: ideal. About 2 pi times the
         bandwidth, which is 1 to 3 Hz (L. Zago 1995, thesis EPFL 1394, for ESO's telescopes).
     feed_forward : float
-        Part of the demanded rate that is fed forward, so that only the rest makes a lag.
+        Fraction of the demanded rate that is fed forward; the rest causes a lag.
     stick : float
-        How far the axis slips at once, rad.
+        Size of a slip, rad.
     stick_rate : float
-        It slides smoothly at rates well above this (Stribeck), rad/s.
+        Stribeck rate: the axis slides smoothly at rates well above it, rad/s.
     """
 
     gain: float = number(0.0, 'per_s', 0.0, 1000.0)
@@ -64,18 +64,18 @@ class Coupling:
     """The shaft coupling between an axis and its incremental encoder.
 
     Friction in the encoder's bearing and seal twists it against the motion. After a reversal the
-    twist goes over to the other side along the way (P. R. Dahl 1968, Aerospace Corp. TOR-158).
+    twist changes sign gradually with the distance (P. R. Dahl 1968, Aerospace Corp. TOR-158).
 
     Attributes
     ----------
     wind_up : float
-        Twist when the axis has moved far: friction torque over torsional rigidity, rad. 0.01 Nm
-        over 500 Nm/rad is 4".
+        Twist after a long motion: friction torque over torsional rigidity, rad. 0.01 Nm over
+        500 Nm/rad gives 4".
     distance : float
-        Way over which all but 1/e of a change has been made, rad.
+        Distance after which 1/e of a change remains, rad.
     slip, slip_from : float
-        In a slew of more than `slip_from` (rad) it lets go, and the encoder stays behind by `slip`
-        (rad) for good.
+        In a slew of more than `slip_from` (rad) the coupling slips, and the encoder permanently
+        loses `slip` (rad).
     """
 
     wind_up: float = number(0.0, 'arcsec', 0.0, 3600.0)
@@ -102,15 +102,15 @@ class Drives:
 
     @property
     def stick(self):
-        """Whether an axis does."""
+        """Whether any axis sticks."""
         return any(drive.stick > 0.0 for drive in self._drives)
 
     def lag(self, times, state):
-        """By how much the axes are behind at `times`.
+        """Lag of the axes at `times`.
 
         The loop obeys y' = gain (r - y) + forward r', so r - y is (1 - forward) / gain times the
-        mean of r' over the past with the weight gain exp(-gain age): rate / gain while the rate
-        is steady, less acceleration / gain^2, and what is left of a slew.
+        mean of the past r' with the weight gain exp(-gain age): rate / gain at steady rates, minus
+        acceleration / gain^2, plus a remainder of previous slews.
 
         Parameters
         ----------
@@ -136,15 +136,15 @@ class Drives:
         return out
 
     def _held(self, i, drive, angles, rates):
-        """How far the drive has gone ahead since the last slip."""
+        """How far the drive has advanced since the last slip."""
         sense = np.sign(rates)
         wound = np.mod(sense * angles / drive.stick + self._phase[i], 1.0)
-        # fast enough, it slides
+        # at high rates it slides
         return sense * drive.stick * wound * np.exp(-((rates / drive.stick_rate) ** 2))
 
 
 class ShaftCouplings:
-    """Couplings between the axes and the shafts of their encoders.
+    """Couplings between the axes and their encoders.
 
     Parameters
     ----------
@@ -162,19 +162,19 @@ class ShaftCouplings:
         self._yields = bool(self._wind_up.any() or self._slip.any())
 
     def turn(self, angles):
-        """Angles of the encoders' shafts when the axes have come to `angles`.
+        """Angles of the encoders' shafts after the axes have moved to `angles`.
 
-        Between two calls the axes are taken to move one way.
+        Assumes motion in one direction between two calls.
 
         Parameters
         ----------
         angles : array_like, shape (2,)
-            Of the axes, rad, not wrapped.
+            Angles of the axes, rad, not wrapped.
 
         Returns
         -------
         ndarray, shape (2,)
-            rad: behind the axes by the twist.
+            rad: lags behind the axes by the twist.
         """
         angles = np.asarray(angles, dtype=float)
         if not self._yields:
@@ -189,7 +189,7 @@ class ShaftCouplings:
         return angles - self._twist - self._slipped
 
     def _let_go(self, way):
-        """Slip once in each slew that gets long enough; a stop or a return ends a slew."""
+        """Slip once in each slew that is long enough; a stop or reversal ends a slew."""
         goes_on = (np.abs(way) > _SLEWS) & (way * self._slew >= 0.0)
         slew = np.where(goes_on, self._slew + way, np.where(np.abs(way) > _SLEWS, way, 0.0))
         long = (np.abs(slew) > self._slip_from) & ~(
