@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every encoder has in common: a disc off its centre, a zero that moves, late stamps."""
+"""Common errors of all encoders: an eccentric disc, a zero that drifts, late stamps."""
 
 from dataclasses import dataclass
 
@@ -26,36 +26,36 @@ from .field_kinds import number, numbers
 
 @dataclass(frozen=True)
 class EncoderScale:
-    """What every encoder has: a disc off its centre, and a zero that moves.
+    """Common errors of all encoders: an eccentric disc, and a zero that drifts.
 
     Attributes
     ----------
     diameter : float
-        Of the graduated circle, m.
+        Diameter of the graduated circle, m.
     eccentricity, eccentricity_phase : float
-        Distance of the disc's centre from the axis (m), and the axis angle at which it lies away
-        from the head (rad).
+        Distance of the disc's centre from the axis (m), and the axis angle at which the centre is
+        farthest from the head (rad).
     eccentricity_rate : float
-        The disc creeps on its hub: that phase grows, rad/s from the first reading.
+        Creep of the disc on its hub: growth of that phase, rad/s from the first reading.
     zero_offset : float
-        Of the mounting, in the reading, rad.
+        Mounting offset in the reading, rad.
     zero_drift : float
-        1-sigma change of the zero from one power-on to the next, in the reading, rad.
+        1-sigma change of the zero at a power-on, in the reading, rad.
     zero_drifts : tuple of float
-        The change at each power-on instead, in order; the last one stays.
+        Fixed changes at each power-on instead, in order; the last one is used from then on.
     zero_rate, zero_slope : float
         Drift of the reading with time (rad/s) and temperature (rad/degC from
         `reference_temperature`).
     latency : float
-        The reading is that old when it gets its stamp, s.
+        Age of a reading when it is stamped, s.
     stamp_jitter, late_stamps, late_by : float
-        1-sigma of the time between a reading and its stamp (s), the share of the messages that a
-        busy computer stamps later still, and the mean of that exponential delay (s). Both axes
-        are in one message and share them. A driver in hard real time has microseconds; a
-        USB-to-serial adapter holds a reading back by up to 16 ms unless told otherwise (FTDI,
-        application note AN232B-04); no measured distribution was found for a mount.
+        1-sigma of the time between a reading and its stamp (s), the fraction of the messages that
+        a busy computer stamps even later, and the mean of that exponential delay (s). Both axes
+        share them, as they are in one message. A driver in hard real time has microseconds; a
+        USB-to-serial adapter delays a reading by up to 16 ms by default (FTDI, application note
+        AN232B-04); no measured distribution was found for a mount.
     power_cycles : tuple of float
-        A fault: the power fails for a moment so many seconds after the start.
+        A fault: times of short power failures, s after the start.
     """
 
     diameter: float = number(300.0, 'mm', 1.0, 10000.0)
@@ -78,15 +78,15 @@ class EncoderScale:
 def disc_angle(angle, eccentricity, phase, radius, heads=1):
     """Angle that a graduated disc shows to its reading head.
 
-    The disc's centre goes round the axis; the head looks at the place of the disc that lies on
-    the line from the disc's centre to the head.
+    The disc's centre moves around the axis; the head reads the point of the disc on the line from
+    the disc's centre to the head.
 
     Parameters
     ----------
     angle : ndarray
-        Of the axis, rad; turns are kept.
+        Axis angle, rad; turns are kept.
     eccentricity, radius : float
-        Distance of the centres, radius of the graduation, in one unit.
+        Distance of the centres and radius of the graduation, in the same unit.
     phase : float
         Axis angle at which the disc's centre lies farthest from the (first) head, rad.
     heads : {1, 2}
@@ -95,7 +95,7 @@ def disc_angle(angle, eccentricity, phase, radius, heads=1):
     Returns
     -------
     ndarray
-        rad. With one head about angle - (eccentricity / radius) sin(angle - phase): 5.2" a
+        rad. With one head about angle - (eccentricity / radius) sin(angle - phase): 5.2" per
         micrometre on a circle of 79 mm (paper 001).
     """
     if eccentricity == 0.0:
@@ -109,16 +109,16 @@ def disc_angle(angle, eccentricity, phase, radius, heads=1):
 
 
 def tilted_angle(angle, tilt, phase):
-    """Angle that a disc shows whose plane is not across its axis.
+    """Angle shown by a disc that is not perpendicular to its axis.
 
     Parameters
     ----------
     angle : ndarray
-        Of the axis, rad; turns are kept.
+        Axis angle, rad; turns are kept.
     tilt : float
-        Between the disc's plane and that across the axis, rad.
+        Angle between the disc and the plane normal to the axis, rad.
     phase : float
-        Axis angle at which the line of both planes lies at the head, rad.
+        Axis angle at which the line of intersection of both planes is at the head, rad.
 
     Returns
     -------
@@ -129,17 +129,17 @@ def tilted_angle(angle, tilt, phase):
     if tilt == 0.0:
         return np.array(angle, dtype=float)
     s, c = np.sin(angle - phase), np.cos(angle - phase)
-    # the difference alone, so that turns are kept
+    # add only the difference, so that turns are kept
     return angle + np.arctan2((1.0 - np.cos(tilt)) * s * c, np.cos(tilt) * c * c + s * s)
 
 
 class ZeroDrift:
-    """The zero of an encoder: mounting, power-on, time, temperature.
+    """The zero of an encoder, from mounting, power-on, time and temperature.
 
     Parameters
     ----------
     params : EncoderScale
-        Of the encoder.
+        Parameters of the encoder.
     seed : int
     device : str
         Name of the encoder and axis, for the random numbers.
@@ -150,7 +150,7 @@ class ZeroDrift:
         self._drawn = {}
 
     def at_power_on(self, power_on):
-        """Shift of the reading since this power-on (1, 2, ...), rad."""
+        """Shift of the reading in this power-on (1, 2, ...), rad."""
         if power_on not in self._drawn:  # each sample asks for it
             self._drawn[power_on] = self._at_power_on(power_on)
         return self._drawn[power_on]
@@ -166,12 +166,12 @@ class ZeroDrift:
         )
 
     def later(self, seconds, temperature):
-        """Shift of the reading with time and temperature, rad.
+        """Shift of the reading by time and temperature, rad.
 
         Parameters
         ----------
         seconds : ndarray
-            Since the start of the night.
+            Time since the start of the night.
         temperature : float or ndarray
             degC.
         """
@@ -183,24 +183,24 @@ class ZeroDrift:
 
 
 class SineSignals:
-    """The pair of signals of one reading head.
+    """The pair of signals (sine and cosine) of one reading head.
 
     Parameters
     ----------
     params : incremental.Incremental
-        Its `offset_cos`, `offset_sin`, `amplitude_mismatch`, `quadrature_error` and `bandwidth`.
+        Uses `offset_cos`, `offset_sin`, `amplitude_mismatch`, `quadrature_error` and `bandwidth`.
 
     Attributes
     ----------
     ideal : bool
-        Whether the arctangent gives the phase of the grating at any rate.
+        Whether the arctangent is the phase of the grating at any rate.
 
     Notes
     -----
-    With g and d of the bandwidth at the rate, A = g (1 + m / 2) cos(p - d) + a and
+    With gain g and phase d of the low-pass at the rate, A = g (1 + m / 2) cos(p - d) + a and
     B = g (1 - m / 2) sin(p - d + q) + b. To first order the error of atan2(B, A) is
     (b cos p - a sin p) / g - d once a line and -(m / 2) sin 2p + (q / 2) (1 + cos 2p) twice
-    (Heydemann 1981, Appl. Opt. 20, 3382; on the tape encoders of a telescope Warner, Krabbendam &
+    (Heydemann 1981, Appl. Opt. 20, 3382; for tape encoders of a telescope Warner, Krabbendam &
     Schumacher 2008, Proc. SPIE 7012, 70123N: first and second harmonic dominate).
     """
 
@@ -211,7 +211,7 @@ class SineSignals:
         self.ideal = self._round and p.amplitude_mismatch == p.quadrature_error == p.bandwidth == 0
 
     def _filtered(self, rate):
-        """Amplitude left and phase behind (rad), of a low-pass of first order."""
+        """Gain and phase lag (rad) of a first-order low-pass."""
         p = self._params
         if p.bandwidth == 0.0:
             return np.float64(1.0), np.float64(0.0)
@@ -219,12 +219,12 @@ class SineSignals:
         return 1.0 / np.hypot(1.0, tangent), np.arctan(tangent)
 
     def shown(self, angle, rate=0.0):
-        """Angle that the arctangent gives.
+        """Angle given by the arctangent.
 
         Parameters
         ----------
         angle : float or ndarray
-            Of the grating, rad; turns are kept.
+            Angle of the grating, rad; turns are kept.
         rate : float or ndarray
             rad/s.
 
@@ -242,7 +242,7 @@ class SineSignals:
         return angle + (wrap(shown - phase) - late) / p.lines
 
     def counting(self, rate):
-        """Whether lines are counted: no more where the ellipse does not go round the origin.
+        """Whether lines are counted, which needs an ellipse around the origin.
 
         Parameters
         ----------
@@ -258,29 +258,29 @@ class SineSignals:
             return np.ones(np.shape(rate), dtype=bool)
         gain, _ = self._filtered(rate)
         wide, high = self._amplitudes
-        # the origin, where the ellipse is the unit circle
+        # the origin in coordinates in which the ellipse is the unit circle
         x, y = -p.offset_cos / (gain * wide), -p.offset_sin / (gain * high)
         askew = p.quadrature_error
         return np.hypot(x, (y - x * np.sin(askew)) / np.cos(askew)) < 1.0
 
 
 def stamp_delays(params, seed, device, stamps):
-    """By how much the stamp of a message is later than its reading, beside the mean latency.
+    """Delay of a message's stamp after its reading, in addition to the mean latency.
 
     Parameters
     ----------
     params : EncoderScale
-        Of an axis.
+        Parameters of an axis.
     seed : int
     device : str
-        Name of the encoder, without axis: both axes are in one message.
+        Name of the encoder, without axis, since one message contains both axes.
     stamps : ndarray of int, shape (n,)
         ns.
 
     Returns
     -------
     float or ndarray, shape (n,)
-        s: white, with mean 0, and in a share of the messages an exponential delay on top.
+        s: white noise of mean 0, plus an exponential delay in a fraction of the messages.
     """
     delay = 0.0
     if params.stamp_jitter > 0.0:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Fields of a scenario: the unit that a value has in the file, and its allowed range."""
+"""Fields of a scenario: unit of the value in the file, and its allowed range."""
 
 from dataclasses import field, make_dataclass
 
@@ -29,7 +29,7 @@ _UNITS = {
 
 
 def in_si(unit):
-    """What a key of the file ends in, such as ``um`` or ``arcsec_per_hour``, in SI."""
+    """SI value of the unit at the end of a key, such as ``um`` or ``arcsec_per_hour``."""
     unit, _, divisor = unit.partition('_per_')
     return _UNITS[unit] / _UNITS[divisor]
 
@@ -37,22 +37,22 @@ def in_si(unit):
 def number(default, unit, low, high, *, kind=float):
     """A field with its unit in the file, and its allowed range in that unit.
 
-    The default is in the unit of the file as well.
+    The default is also in the unit of the file.
     """
     return field(default=kind(default * in_si(unit)),
                  metadata={'unit': unit, 'range': (low, high), 'kind': kind})
 
 
 def term(canonical, unit, low, high):
-    """A field with a term of the geometry, 0 by default, by its name at an alt-azimuth mount.
+    """A field for a geometry term, 0 by default, with its name for alt-azimuth mounts.
 
-    In the file it has the name and the sign of the mount that the scenario is of.
+    The file uses the name and sign of the scenario's mount.
     """
     return _marked(number(0.0, unit, low, high), term=canonical)
 
 
 def pier_only(item):
-    """A field that is there of equatorial mounts alone."""
+    """A field that exists only for equatorial mounts."""
     return _marked(item, pier_only=True)
 
 
@@ -61,45 +61,45 @@ def _marked(item, **marks):
 
 
 def numbers(unit, low, high):
-    """A field with a list of numbers, empty by default."""
+    """A field for a list of numbers, empty by default."""
     return field(default=(), metadata={'unit': unit, 'range': (low, high), 'kind': list})
 
 
 def drawn(cls, name):
-    """The field `name` of the drawing `cls`, with its default and range."""
+    """The field `name` of the design class `cls`, with its default and range."""
     item = cls.__dataclass_fields__[name]
     return field(default=item.default, metadata=item.metadata)
 
 
 def text(default, parse):
-    """A field with a text that `parse` takes, or raises ValueError."""
+    """A field for a text; `parse` raises ValueError for an invalid one."""
     return field(default=default, metadata={'text': parse})
 
 
 def choice(default, *names):
-    """A field with one of `names`."""
+    """A field for one of `names`."""
     return field(default=default, metadata={'choice': names})
 
 
 def section(cls):
-    """A field with an instance of `cls`, its own section in the file."""
+    """A field for an instance of `cls`, which is a section of the file."""
     return field(default_factory=cls, metadata={'section': cls})
 
 
 def both_axes(cls):
-    """A section with an instance of `cls` for the first axis and one for the second.
+    """A section with an instance of `cls` for each axis.
 
-    In memory they are `azimuth` and `elevation`; in the file they have the mount's names.
+    In memory they are `azimuth` and `elevation`; the file uses the axis names of the mount.
     """
     axes = [(axis, cls, section(cls)) for axis in ('azimuth', 'elevation')]
     return section(make_dataclass(f'{cls.__name__}Pair', axes, frozen=True))
 
 
 def sections(cls):
-    """A field with a list of such sections, empty by default."""
+    """A field for a list of sections, empty by default."""
     return field(default=(), metadata={'sections': cls})
 
 
 def optional(cls):
-    """A field with such a section, or None."""
+    """A field for a section, or None."""
     return field(default=None, metadata={'section': cls})

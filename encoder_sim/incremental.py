@@ -14,8 +14,8 @@
 
 """The incremental encoder of paper 000: a counter that a reference mark clears after power-on.
 
-What is wrong with it (`Incremental`), what the grating shows to the head (`_shown`), and what the
-counter makes of that and of the mark (`feed`): in one file, as they share the state of one device.
+Its errors (`Incremental`), the grating as seen by the head (`_shown`), and the counter with the
+mark (`feed`) are in one file, as they share the state of one device.
 """
 
 from dataclasses import dataclass
@@ -38,15 +38,15 @@ from .reference_mark import Passages, ReferenceMark
 
 _TURN = 2.0 * np.pi
 _MILLION = 1e6
-#: counts by which the mark may be off at a later passage: rounding, jitter, a breath of the pulse
+#: counts by which a later passage of the mark may differ: rounding, jitter, pulse variations
 MARK_TOLERANCE = 10
-#: of the monitor of the supply, ns
+#: period of the supply monitor, ns
 MONITOR_PERIOD = 10**9
 
 
 @dataclass(frozen=True)
 class CountLoss:
-    """A fault: at once the counter is `counts` too low, `at` seconds after the start."""
+    """A fault: the counter suddenly loses `counts`, `at` seconds after the start."""
 
     at: float = number(0.0, 's', 0.0, 1e6)
     counts: int = number(0, '', -10**9, 10**9, kind=int)
@@ -56,93 +56,93 @@ class CountLoss:
 class Incremental(EncoderScale):
     """The incremental encoder of paper 000 on one axis.
 
-    The reference mark gives a triangular signal (a slit seen through a slit) that a comparator
-    turns into the index pulse. At the reference temperature and the nominal supply its peak is 1.
+    The reference mark gives a triangular signal (a slit seen through a slit), which a comparator
+    converts to the index pulse. At the reference temperature and the nominal supply its peak is 1.
 
     Attributes
     ----------
     lines, interpolation : int
-        Lines of the grating, and counts (edges in quadrature) a line.
+        Lines of the grating, and counts (quadrature edges) per line.
     tilt, tilt_phase : float
-        Of the disc against the plane across the axis (rad), and the axis angle at which the line
-        of both planes lies at the head (rad).
+        Angle between the disc and the plane normal to the axis (rad), and the axis angle at which
+        their line of intersection is at the head (rad).
     heads : int
         One reading head, or the mean of two opposite ones.
     subdivision_1, subdivision_2, subdivision_phase : float
-        Error of the interpolation, once and twice a line (rad), and its phase (rad).
+        Interpolation error once and twice per line (rad), and its phase (rad).
     worm_teeth : int
-        Of the wheel, where the encoder sits on the worm: its periodic error is then in the
-        reading, so many times a turn of the axis.
+        Teeth of the worm wheel, for an encoder on the worm: its periodic error then appears in the
+        reading, so many times per turn of the axis.
     worm_1, worm_2, worm_phase : float
-        Amplitude once and twice a turn of the worm (rad) and phase (rad). Amateurs measured 7 to
-        10" from peak to peak of good worms and 30" of mass-produced ones (ATM list, July 1995).
+        Amplitudes once and twice per turn of the worm (rad), and phase (rad). Amateurs measured
+        7 to 10" peak to peak for good worms and 30" for mass-produced ones (ATM list, July 1995).
     offset_cos, offset_sin : float
-        Direct voltage left on either signal of the grating, relative to its amplitude at rest.
-        The scope manual of Heidenhain (PWM 20, 2014) allows +-15 degrees of on-to-off ratio, 13 %,
-        and an amplitude ratio of 0.8 to 1.25 and a phase of 80 to 100 degrees; for encoders that
-        are interpolated finely 10 %, 0.9 to 1.1 and 85 to 95 degrees.
+        DC offsets of the two grating signals, relative to their amplitude at rest. The scope manual
+        of Heidenhain (PWM 20, 2014) allows +-15 degrees of on-to-off ratio, 13 %, an amplitude
+        ratio of 0.8 to 1.25 and a phase of 80 to 100 degrees; for encoders with fine interpolation
+        10 %, 0.9 to 1.1 and 85 to 95 degrees.
     amplitude_mismatch : float
-        By how much the cosine is larger than the sine, relative to their mean.
+        Difference of the amplitudes, cosine - sine, relative to their mean.
     quadrature_error : float
-        By how much the phase between both is more than a quarter of a line, rad.
+        Excess of the phase between both signals over a quarter of a line, rad.
     bandwidth : float
-        At which the signals have fallen by 3 dB, Hz of lines; 0: none. The inputs of PWM 8 have
-        60 to 100 kHz, which no telescope reaches: 6 deg/s of paper 000's grating are 790 Hz. A
-        noise filter or a slow converter does.
+        -3 dB bandwidth of the signals, Hz of lines; 0: unlimited. The inputs of PWM 8 have 60 to
+        100 kHz, which no telescope reaches: 6 deg/s with paper 000's grating are 790 Hz. A noise
+        filter or a slow converter has less.
     mark_angle : float
         Nominal axis angle of the reference mark, rad.
     mark_scatter : float
-        1-sigma of where the mark is noticed, passage by passage, rad. One that is tied to a line
-        of the grating can be good to a count; no maker's figure was found, for these (Renishaw
-        calls that of its RESR rings "a repeatable home position") or for others.
+        1-sigma of the position at which the mark is detected, per passage, rad. A mark tied to a
+        line of the grating can be good to a count; no manufacturer's figure was found, for these
+        (Renishaw calls that of its RESR rings "a repeatable home position") or for others.
     spurious_index : float
-        Index pulses where there is no mark, by disturbances on its line, a second. The first one
-        after power-on clears the counter as a mark would; a later one gives it the lie, which
-        controllers call a broken index. No rates were found: it is a fault, not a property.
+        Rate of false index pulses from disturbances on the line, 1/s. The first one after power-on
+        clears the counter as the mark would; later ones contradict the count, which controllers
+        call a broken index. No rates were found: it is a fault, not a property.
     pulse_width : float
         Width of the mark's signal at half its peak, rad. The counter is cleared at the near edge
-        of the pulse, so from above that much further up than from below.
+        of the pulse: from above, this is one pulse width higher than from below.
     threshold : float
-        Of the comparator: it decides how wide the pulse is, and a mark with a weaker signal gives
-        none.
+        Threshold of the comparator: determines the width of the pulse; a mark with a weaker signal
+        gives no pulse.
     signal_slope, signal_supply : float
-        Relative change of the signal by a degC and by a volt.
+        Relative change of the signal per degC and per volt.
     pulse_time : float
-        The shortest pulse that is noticed, s.
+        Shortest pulse that is detected, s.
     mark_from : {'any', 'below', 'above'}
         The direction from which the mark clears the counter.
     mark_slope, mark_supply : float
-        How the place of the mark on the grating moves, in the reading: rad/degC, rad/V. It counts
-        when the mark is met.
+        Shift of the mark on the grating, in the reading, rad/degC and rad/V, at the time when the
+        mark is passed.
     zero_supply : float
-        Drift of the reading with the supply at any time, rad/V.
+        Permanent dependence of the reading on the supply, rad/V.
     supply, supply_nominal, supply_rate : float
-        Supply at the start (V), that of the data sheet (V), and its change (V/s).
+        Supply at the start (V), nominal supply (V), and its change (V/s).
     supply_scatter : float
-        1-sigma of the supply from one power-on to the next, the same on both axes, V.
+        1-sigma of the supply between power-ons, the same for both axes, V.
     thermometer_noise, voltmeter_noise : float
-        1-sigma of what the electronics measure of temperature (degC) and supply (V).
+        1-sigma of the electronics' measurements of temperature (degC) and supply (V).
     voltmeter_step : float
-        Resolution of the latter, V: 4 mV of a usual monitor of 12 bits (Texas Instruments,
-        INA219); 0: none.
+        Resolution of the voltmeter, V: 4 mV for a common 12-bit monitor (Texas Instruments,
+        INA219); 0: unlimited.
     supply_ripple, ripple_frequency : float
-        Amplitude (V) and frequency (Hz) of what the mains leave on it.
+        Amplitude (V) and frequency (Hz) of mains ripple on the supply.
     max_count_rate : float
-        Edges a second that the counter can follow; the others are lost. 0: all.
+        Highest count rate, edges per second; excess edges are lost. 0: no limit.
     miscounts : float
-        Wrong counts by noise, up or down, in a million counts passed.
+        Wrong counts due to noise, up or down, per million counts.
     jitter : float
-        1-sigma noise of one reading, in counts.
+        1-sigma noise of one reading, counts.
     rate_gate : float
-        The rate is the counts of so long a time before the reading, over it (s): the M method of
-        a counter (Ohmae et al. 1982, IEEE Trans. Ind. Electron. IE-29, 207). Two counts and
-        their jitter are its noise: 0.7"/s a count in 100 ms.
+        Gate time of the rate, s: counts in this time before the reading, divided by it (M method of
+        a counter: Ohmae et al. 1982, IEEE Trans. Ind. Electron. IE-29, 207). Its noise is that of
+        two counts with their jitter: 0.7"/s for one count in 100 ms.
     losses : tuple of CountLoss
-        A fault: counts lost by a disturbance.
+        Faults: counts lost by disturbances.
     home_side : {'below', 'above'}
-        From where homing comes to the mark.
+        Side from which homing approaches the mark.
     home_rate : float
-        At which homing passes it, rad/s.
+        Rate at which homing passes it, rad/s.
     """
 
     lines: int = number(47200, '', 1, 1_000_000, kind=int)
@@ -193,28 +193,28 @@ class Incremental(EncoderScale):
 
 
 class IncrementalEncoder:
-    """One axis: grating, index pulse, counter.
+    """The encoder of one axis: grating, index pulse, counter.
 
     Parameters
     ----------
     params : Incremental
     seed : int
     axis : str
-        ``azimuth`` or ``elevation``: with the seed it decides the random numbers.
+        ``azimuth`` or ``elevation``: selects the random numbers, together with the seed.
     power_on : int
-        Number of this power-on, 1 for the first: it decides the zero drift.
+        Number of this power-on, 1 for the first: selects the zero drift.
     start : float
-        Start of the night, UTC s, from which drifts and faults count.
+        Start of the night, UTC s, the origin of drifts and faults.
 
     Attributes
     ----------
     count_angle : float
-        rad a count: 0.0686" for paper 000's grating.
+        Angle of a count, rad: 0.0686" for paper 000's grating.
     zero : float
-        What homing left in the reading, rad: drift of this power-on, side and shift of the mark.
+        Zero of the reading after homing, rad: drift of this power-on, side and shift of the mark.
         NaN before; truth, for the simulator's own log.
     supply : float
-        As its monitor measured it in the second of the last sample, V.
+        Supply measured by the monitor in the second of the last sample, V.
     """
 
     def __init__(self, params, seed, axis, power_on=1, start=0.0):
@@ -226,8 +226,8 @@ class IncrementalEncoder:
         self._mark = ReferenceMark(params, seed, self._device)
         self._turn_counts = params.lines * params.interpolation
         self.count_angle = _TURN / self._turn_counts
-        self._cycles = sorted(params.power_cycles)  # still to come
-        self._flicker = None, 0.0  # what a noise of the monitor belongs to, and it
+        self._cycles = sorted(params.power_cycles)  # future ones
+        self._flicker = None, 0.0  # key and value of the monitor's noise
         self.supply = self._monitor(params.supply, int(start))
         self._clear()
 
@@ -238,33 +238,33 @@ class IncrementalEncoder:
 
     @property
     def zero_drift(self):
-        """Shift of the reading since this power-on, rad."""
+        """Shift of the reading in this power-on, rad."""
         return self._zero.at_power_on(self.power_on)
 
     @property
     def homing(self):
-        """`AxisHoming` after the last sample; of when the power-on began it knows nothing."""
+        """`AxisHoming` after the last sample, without the start of the power-on."""
         return AxisHoming(self.homed, {0: '', 1: 'below', -1: 'above'}[self._sense], self._missed,
                           self._passed, self._mark_error, self.count_angle,
                           self.params.pulse_width, self.power_on, np.nan, *self._measured)
 
     @property
     def miscounted(self):
-        """Whether the last passage of the mark gave the counter the lie.
+        """Whether the last passage of the mark contradicted the counter.
 
-        Counts were lost, the mark moved, or one of both pulses was not of the mark.
+        Counts were lost, the mark moved, or one of the two pulses was false.
         """
         return bool(abs(self._mark_error) > MARK_TOLERANCE)
 
     def power_cycle(self):
-        """Off and on again: the counter is lost, and the mark will be found elsewhere."""
+        """Switch off and on: the count is lost, and the mark will be found elsewhere."""
         self.power_on += 1
         self._clear()
 
     def _clear(self):
         self._cleared_at = None  # grating count at which the counter was cleared
         self.zero = np.nan
-        self._sense = 0  # of the motion that did
+        self._sense = 0  # direction of the motion that cleared it
         self._last = None  # stamp and angle of the last sample
         self._since = None  # stamp of the first reading
         self._lost = 0  # counts lost since
@@ -275,7 +275,7 @@ class IncrementalEncoder:
     # --- grating --------------------------------------------------------------------------------
 
     def _shown(self, angle, rate=0.0, seconds=0.0):
-        """Angle that the head's interpolator gives, rad."""
+        """Angle from the head's interpolator, rad."""
         p = self.params
         shown = disc_angle(
             angle, p.eccentricity, p.eccentricity_phase + p.eccentricity_rate * seconds,
@@ -312,7 +312,7 @@ class IncrementalEncoder:
         return volts
 
     def _monitor(self, volts, key):
-        """What the electronics measure of the supply, V, with the noise that belongs to `key`."""
+        """The electronics' measurement of the supply, V, with the noise for `key`."""
         p, volts = self.params, float(volts)
         if p.voltmeter_noise > 0.0:
             if self._flicker[0] != key:
@@ -326,11 +326,11 @@ class IncrementalEncoder:
     # --- counter --------------------------------------------------------------------------------
 
     def _check_mark(self, passages, lost):
-        """Compare the counter with the mark at passages after that which cleared it."""
+        """Compare the counter with the mark at passages after the one that cleared it."""
         self._passed += len(passages.row)
         if len(passages.row) == 0:
             return
-        row, sense, angle, rate = (column[-1] for column in passages)  # the last one is told
+        row, sense, angle, rate = (column[-1] for column in passages)  # the last one is reported
         counts = self._grating_count(angle, self._last[0], rate) - self._cleared_at - lost[row]
         sides = 0.5 * (self._sense - sense)  # 1: cleared from below, passed from above
         error = counts - sides * self.params.pulse_width / self.count_angle
@@ -338,12 +338,12 @@ class IncrementalEncoder:
         self._mark_error = float(np.rint(error))
 
     def _count_losses(self, stamps, angles):
-        """Counts lost from the first sample up to each, shape (n,)."""
+        """Counts lost between the first sample and each of the samples, shape (n,)."""
         p = self.params
         lost = np.zeros(len(stamps))
         if not (p.max_count_rate or p.miscounts or p.losses) and self._signals.ideal:
             return lost
-        counts = np.nan_to_num(np.diff(angles) / self.count_angle)  # a bad sample loses none
+        counts = np.nan_to_num(np.diff(angles) / self.count_angle)  # none at a bad sample
         if p.max_count_rate > 0.0:
             excess = np.abs(counts) - p.max_count_rate * np.diff(stamps) * 1e-9
             lost[1:] = np.cumsum(np.sign(counts) * np.floor(np.maximum(excess, 0.0)))
@@ -362,25 +362,25 @@ class IncrementalEncoder:
         return lost
 
     def feed(self, stamps, angles, rates=0.0, temperature=None):
-        """Read the axis at rising stamps.
+        """Read the axis at increasing stamps.
 
         Parameters
         ----------
         stamps : int or ndarray of int, shape (n,)
             ns.
         angles : float or ndarray, shape (n,)
-            True angle of the axis, rad, not wrapped from one sample to the next. Between two
-            samples the motion is taken as uniform: so close they must be for the rate at which
-            the mark is passed and counts are lost.
+            True angle of the axis, rad, not wrapped between samples. Motion is assumed uniform
+            between two samples, so they must be close enough for the rate at which the mark is
+            passed and counts are lost.
         rates : float or ndarray, shape (n,)
-            rad/s; with the latency they say where the axis was.
+            rad/s; determine the axis angle before the latency.
         temperature : float or ndarray, optional
             degC.
 
         Returns
         -------
         ndarray, shape (n,)
-            Reading, rad, whole counts; NaN until the mark has been met.
+            Readings, rad, in whole counts; NaN until the mark has been passed.
         """
         stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         angles = np.atleast_1d(np.asarray(angles, dtype=float))
@@ -404,13 +404,13 @@ class IncrementalEncoder:
         return np.concatenate(parts)
 
     def _count(self, stamps, past, rates, temperature):
-        """`feed` while the power is on."""
+        """`feed` within one power-on."""
         if len(stamps) == 0:
             return np.empty(0)
         p = self.params
         seconds = stamps * 1e-9 - self.start
         volts = self._volts(seconds)
-        # the last sample of the call before belongs to the motion seen now
+        # motion starts at the last sample of the previous call
         known = 0 if self._last is None else 1
         all_stamps, all_angles = stamps, past
         if known:
@@ -433,7 +433,7 @@ class IncrementalEncoder:
             off = p.mark_angle - angle
             self.zero = float(off - _TURN * np.rint(off / _TURN))
             valid_from = row - known
-            met = (round(self.start) << 16) + self.power_on  # of this night
+            met = (round(self.start) << 16) + self.power_on  # key for this night
             noise = float(keyed_noise.normal(self.seed, self._device, 'thermometer', met))
             self._measured = (self._monitor(volts[valid_from], met),
                               float(temperature[valid_from]) + p.thermometer_noise * noise)
@@ -444,7 +444,7 @@ class IncrementalEncoder:
         lost = lost[known:]
         self._lost = lost[-1]
 
-        # a late stamp is none of the counter's business
+        # late stamps do not affect the counter, only what is read at the stamp
         read = past - rates * stamp_delays(p, self.seed, 'incremental', stamps)
         counts = self._counter(stamps, read, rates, temperature, volts) - self._cleared_at - lost
         reading = p.mark_angle + counts * self.count_angle
@@ -452,7 +452,7 @@ class IncrementalEncoder:
         return reading
 
     def _counter(self, stamps, past, rates, temperature, volts):
-        """Grating counts that the electronics read at `stamps`, none cleared, none lost."""
+        """Grating counts read by the electronics at `stamps`, without clearing or losses."""
         p = self.params
         drift = (p.zero_offset + self._zero.later(stamps * 1e-9 - self.start, temperature)
                  + p.zero_supply * (volts - p.supply_nominal))
@@ -463,35 +463,35 @@ class IncrementalEncoder:
         return counts
 
     def only_counts(self, stamps, angles):
-        """Whether nothing but counting happens at samples, shape (n,), as `feed` takes them.
+        """Whether samples cause nothing but counting, shape (n,), parameters as in `feed`.
 
-        No mark is near on the way, and the power stays on: what is known of the marks stays as it
-        is.
+        No mark is near the path and the power stays on, so the state of the marks does not
+        change.
         """
         return (self.homed and not self.params.spurious_index
                 and self._mark.far_from(np.append(angles, self._last[1]))
                 and not (self._cycles and stamps[-1] * 1e-9 - self.start >= self._cycles[0]))
 
     def rate(self, stamps, angles, rates=0.0, temperature=None):
-        """The rate that the electronics tell with the reading of a sample.
+        """Rate that the electronics send with the reading of a sample.
 
         Parameters
         ----------
         stamps, angles, rates, temperature
-            Samples as for `feed`, which took them before.
+            Samples as in `feed`, which must have taken them before.
 
         Returns
         -------
         ndarray, shape (n,)
-            Counts that have passed in the gate time up to now, over that time, rad/s. NaN where
-            there was no reading yet when it began.
+            Counts during the gate time up to now, divided by that time, rad/s. NaN if there was no
+            reading yet at its start.
         """
         p = self.params
         gate = round(p.rate_gate * 1e9)
         stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         if self._since is None:
             return np.full(len(stamps), np.nan)
-        # where the axis was then: the head sees nothing else
+        # where the axis was at that time is all that the head has seen
         if temperature is None:
             temperature = p.reference_temperature
         both, rates, temperature = (
@@ -506,6 +506,6 @@ class IncrementalEncoder:
 
 
 def _for_each(values, samples):
-    """A number for each sample: `values`, or the same one."""
+    """`values` as an array with one number per sample."""
     values = np.asarray(values, dtype=float)
     return values if values.shape == samples.shape else np.broadcast_to(values, samples.shape)

@@ -30,7 +30,7 @@ PARAMS = (*DEVICE_PARAMS, MAX_RATE)
 
 
 class IncrementalEncoders(MountedDevice):
-    """Turns true axis angles into counts; NaN until the reference mark has been met."""
+    """Converts true axis angles to counts; NaN until the reference mark has been passed."""
 
     def __init__(self, **kwargs):
         super().__init__('incremental_encoder', PARAMS,
@@ -55,12 +55,12 @@ class IncrementalEncoders(MountedDevice):
         self._samples.append((stamp, self._couplings.turn(angles), rates))
 
     def _work(self):
-        """Count the samples that have come, whether they are published or not."""
+        """Count the samples that have arrived, whether they are published or not."""
         samples, self._samples = self._samples, []
         if not samples:
             return
         stamps, angles, rates = map(np.array, zip(*samples))
-        # what is known of the marks is reported as it becomes known
+        # process samples one by one if the state of the marks may change, to report it in time
         calm = len(samples) > 1 and all(
             encoder.only_counts(stamps, angles[:, axis])
             for axis, encoder in enumerate(self._encoders))
@@ -101,7 +101,7 @@ class IncrementalEncoders(MountedDevice):
             self._power_on_pub.publish(power_on_message(self._power_on, stamp))
 
     def _publish_homing(self):
-        """Publish what is known of the marks, if a mark or the power changed it."""
+        """Publish the state of the marks, if a mark or the power has changed it."""
         states = [encoder.homing for encoder in self._encoders]
         known = [(s.homed, s.missed_marks, encoder.miscounted, self._power_on)
                  for s, encoder in zip(states, self._encoders)]
@@ -113,10 +113,10 @@ class IncrementalEncoders(MountedDevice):
             self._homing_pub.publish(homing_to_cloud(
                 [s._replace(started=started) for s in states], self._stamp))
             if news and self._power_on is not None:
-                self.announce()  # a log without that topic has the diagnostics alone
+                self.announce()  # a log without that topic only has the diagnostics
 
     def _power_cycle(self):
-        self._work()  # what was seen before is of the power-on before
+        self._work()  # earlier samples belong to the previous power-on
         for encoder in self._encoders:
             encoder.power_cycle()
         self._homed, self._power_on = False, None
@@ -124,7 +124,7 @@ class IncrementalEncoders(MountedDevice):
         return True, f'power-on {self._encoders[0].power_on}; home before measuring'
 
     def problems(self):
-        """Not homed yet, or a counter that the mark gives the lie."""
+        """Axes that are not homed, or a counter contradicted by the mark."""
         found = []
         for axis, encoder in zip(self.words, self._encoders):
             homing = encoder.homing
@@ -140,7 +140,7 @@ class IncrementalEncoders(MountedDevice):
         return found
 
     def details(self):
-        """Resolution and power-ons, and of each axis how it was homed."""
+        """Resolution, power-ons, and homing of each axis."""
         rows = [('power-on', str(self._encoders[0].power_on)),
                 ('resolution [arcsec]', f'{self._encoders[0].count_angle / ARCSEC:.4f}'),
                 ('supply [V]', ', '.join(f'{e.supply:.3f}' for e in self._encoders))]

@@ -12,13 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Random numbers that depend on what they are for, never on the order of the calls.
+"""Random numbers that depend only on their purpose, never on the order of calls.
 
-Each number is a hash of (seed, device, purpose, key), where the key is what is observed: the star
-and the number of its exposure, the power-on, of an encoder's sample its stamp. Stamps are on the
-cycles of the mount's servo (`mount.on_cycle`). So the same night comes out whatever the load of the
-machine, also when a slew takes some microseconds more or less. The generator is counter-based:
-SplitMix64 (Steele, Lea & Flood 2014, OOPSLA), applied to the key and then to the counter.
+Each number is a hash of (seed, device, purpose, key), where the key identifies what is observed:
+the star and the number of its exposure, the power-on, or the stamp of an encoder's sample. Stamps
+are on the cycles of the mount's servo (`mount.on_cycle`). So a night is reproducible whatever the
+load of the machine, even if a slew takes some microseconds more or less. The generator is
+counter-based: SplitMix64 (Steele, Lea & Flood 2014, OOPSLA), applied to the key and then to the
+counter.
 """
 
 import hashlib
@@ -29,7 +30,7 @@ import numpy as np
 _STEP, _MULTIPLY_1, _MULTIPLY_2 = map(
     np.uint64, (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 _SHIFTS = tuple(np.uint64(n) for n in (30, 27, 31, 11))
-#: in which at most one pulse happens, ns: of 1 Hz one in 200 is lost
+#: cell with at most one pulse, ns: at 1 Hz one pulse in 200 is lost
 _CELL = 10_000_000
 
 
@@ -40,7 +41,7 @@ def _stream(seed, device, purpose):
 
 
 def _mix(z):
-    """Changes `z` itself."""
+    """SplitMix64 mixing; changes `z` in place."""
     z ^= z >> _SHIFTS[0]
     z *= _MULTIPLY_1
     z ^= z >> _SHIFTS[1]
@@ -50,14 +51,14 @@ def _mix(z):
 
 
 def bits(seed, device, purpose, keys, n):
-    """Random bits, 64 in each number.
+    """Random bits, 64 per number.
 
     Parameters
     ----------
     seed, device, purpose, keys
-        As for `uniform`.
+        See `uniform`.
     n : int
-        Numbers a key.
+        Numbers per key.
 
     Returns
     -------
@@ -69,7 +70,7 @@ def bits(seed, device, purpose, keys, n):
 
 
 def _uniform(seed, device, purpose, keys, n):
-    """`n` uniform numbers a key in (0, 1), shape (number of keys, n)."""
+    """`n` uniform numbers per key in (0, 1), shape (number of keys, n)."""
     return ((bits(seed, device, purpose, keys, n) >> _SHIFTS[3]) + 0.5) * 2.0**-53
 
 
@@ -81,14 +82,14 @@ def uniform(seed, device, purpose, keys):
     seed : int
         Seed of the night.
     device, purpose : str
-        Which instrument, and what the number is for: each pair is its own stream.
+        Instrument and purpose of the number: each pair is an independent stream.
     keys : int or array_like of int, any shape
-        The stamp in nanoseconds, the number of the power-on, ...
+        Stamp in nanoseconds, number of the power-on, ...
 
     Returns
     -------
     ndarray
-        Of the shape of `keys`.
+        With the shape of `keys`.
     """
     return _uniform(seed, device, purpose, keys, 1).reshape(np.shape(keys))
 
@@ -99,14 +100,14 @@ def normal(seed, device, purpose, keys, size=None):
     Parameters
     ----------
     seed, device, purpose, keys
-        As for `uniform`.
+        See `uniform`.
     size : int, optional
-        That many numbers a key, such as one a pixel of a frame.
+        Numbers per key, for instance one per pixel of a frame.
 
     Returns
     -------
     ndarray
-        Of the shape of `keys`, followed by `size` where it is given.
+        With the shape of `keys`, followed by `size` if given.
     """
     pairs = 1 if size is None else (size + 1) // 2
     u = _uniform(seed, device, purpose, keys, 2 * pairs)
@@ -119,21 +120,21 @@ def normal(seed, device, purpose, keys, size=None):
 
 
 def pulses(seed, device, purpose, rate, begin, end):
-    """Moments of a Poisson process.
+    """Times of a Poisson process.
 
     Parameters
     ----------
     seed, device, purpose
-        As for `uniform`.
+        See `uniform`.
     rate : float
-        Mean number a second, 1/s; of two within 10 ms one is left out.
+        Mean rate, 1/s; of two pulses within 10 ms one may be left out.
     begin, end : int
-        ns; pulses after `begin`, up to and with `end`.
+        ns; pulses after `begin`, up to and including `end`.
 
     Returns
     -------
     ndarray of int
-        ns, rising; an interval has the same ones, whatever it is a part of.
+        ns, increasing; the pulses in an interval do not depend on how it is divided into calls.
     """
     cells = np.arange(begin // _CELL, end // _CELL + 1)
     happens = uniform(seed, device, purpose, cells) < -np.expm1(-rate * _CELL * 1e-9)

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parts of a mount that rest on one stop or another, drag, sag or give way: turns of the tube.
+"""Parts of a mount that rest on different stops, drag, sag or give way, and so turn the tube.
 
-Each is what a part does, by the pull of gravity on it or by how far it is wound up; none knows a
-term. The geometry puts them where they act: `mount_geometry.MountGeometry`.
+Each part depends on the pull of gravity or on how far it is wound up, and knows no pointing
+terms. `mount_geometry.MountGeometry` applies them where they act.
 """
 
 from dataclasses import dataclass
@@ -27,19 +27,19 @@ from .field_kinds import number, pier_only
 
 @dataclass(frozen=True)
 class Flop:
-    """A mirror that lies on one of two stops, by what pulls it across the tube.
+    """A mirror that rests on one of two stops, depending on the pull across the tube.
 
-    Low down its weight presses it to the lower stop; from where the pull across the tube is less
-    than at `at` it tips over. Friction holds it: on the way up it goes `play` / 2 later, on the way
-    down as much later.
+    At low elevations its weight presses it against the lower stop; where the pull across the tube
+    is less than at elevation `at` it tips over. Friction delays this by `play` / 2, both upwards
+    and downwards.
 
     Attributes
     ----------
     at, play : float
-        Elevation, and width of the hysteresis, rad.
+        Elevation, and full width of the hysteresis, rad.
     amplitude, toward : float
-        How far the line of sight turns as it lies low (rad), and to where as the tube sees it:
-        0 up, 90 degrees to the right (rad).
+        Turn of the line of sight while the mirror is on the lower stop (rad), and its direction
+        as seen from the tube: 0 up, 90 degrees to the right (rad).
     """
 
     at: float = number(50.0, 'deg', 0.0, 90.0)
@@ -48,7 +48,7 @@ class Flop:
     toward: float = number(0.0, 'deg', -360.0, 360.0)
 
     def shift(self, height, approach):
-        """Right and up, rad: of the sine of the elevation, and the sign of the last move."""
+        """Right and up, rad, from the sine of the elevation and the sign of the last move."""
         tips = np.sin(np.clip(self.at + 0.5 * self.play * np.asarray(approach), 0.0, 0.5 * np.pi))
         low = self.amplitude * (height < tips)
         return np.sin(self.toward) * low, np.cos(self.toward) * low
@@ -61,12 +61,12 @@ class Cables:
     Attributes
     ----------
     twist, tip : float
-        How far it holds the first axis back behind its encoder, and tips the tube down, where it is
-        wound up by one turn; rad.
+        Lag of the first axis behind its encoder, and downward tilt of the tube, when wound up by
+        one turn; rad.
     rest : float
-        Angle of the first axis, in turns of its travel, at which it hangs free, rad.
+        Angle of the first axis, including turns, at which the cables hang free, rad.
     stiffening : float
-        Of its pull at one turn, the part that grows with the cube.
+        Fraction of the pull at one turn that grows with the cube.
     """
 
     twist: float = number(0.0, 'arcsec', -3600.0, 3600.0)
@@ -75,20 +75,20 @@ class Cables:
     stiffening: float = number(0.0, 'percent', 0.0, 100.0)
 
     def pull(self, angle):
-        """Of the angle of the first axis, whole turns counted; 1 at one turn."""
+        """Pull at an angle of the first axis, including turns; 1 at one turn."""
         wound = (np.asarray(angle) - self.rest) / (2.0 * np.pi)
         return (1.0 - self.stiffening) * wound + self.stiffening * wound**3
 
 
 @dataclass(frozen=True)
 class Yielding:
-    """A part about the first axis that yields more in some directions, and most at half height.
+    """A part on the first axis that flexes depending on direction, and most at half height.
 
     Attributes
     ----------
     per_turn : int
     amplitude, phase : float
-        Of what the tube goes up, amplitude * cos(k A - phase) sin 2E; rad.
+        Upward turn of the tube: amplitude * cos(k A - phase) sin 2E; rad.
     """
 
     per_turn: int = number(5, '', 1, 100, kind=int)
@@ -96,22 +96,22 @@ class Yielding:
     phase: float = number(0.0, 'deg', -360.0, 360.0)
 
     def lift(self, angle, raised):
-        """Of both axes, rad."""
+        """Upward turn of the tube at angles of both axes, rad."""
         return self.amplitude * np.cos(self.per_turn * angle - self.phase) * np.sin(2.0 * raised)
 
 
 @dataclass(frozen=True)
 class Focuser:
-    """What hangs on the tube and yields to its sides unlike to its top and bottom.
+    """Equipment on the tube that flexes differently sideways and up.
 
     Attributes
     ----------
     sideways, upright : float
-        How far the line of sight sags where all the weight pulls to the right or left of the tube,
-        and where it pulls across it up and down; rad.
+        Sag of the line of sight when all the weight pulls to the right or left of the tube, and
+        when it pulls across it up and down; rad.
     other_side : float
-        The same beyond the pole, in parts of it: a draw tube that lies on another side of its
-        thread there.
+        The same beyond the pole, as a fraction: there a draw tube rests on another side of its
+        thread.
     """
 
     sideways: float = pier_only(number(0.0, 'arcsec', -3600.0, 3600.0))
@@ -119,25 +119,25 @@ class Focuser:
     other_side: float = pier_only(number(100.0, 'percent', -1000.0, 1000.0))
 
     def shift(self, down, beyond):
-        """Right and up, rad: of gravity as the tube sees it (n, 3), and whether beyond the pole."""
+        """Right and up, rad, from gravity in the tube's frame (n, 3), and if beyond the pole."""
         part = np.where(beyond, self.other_side, 1.0)
         return part * self.sideways * down[..., 0], part * self.upright * down[..., 2]
 
 
 @dataclass(frozen=True)
 class Secondary:
-    """A secondary mirror in a cell that gives way more, the warmer it is.
+    """A secondary mirror in a cell that gives way more when it is warmer.
 
     Attributes
     ----------
     along_slope, across_slope : float
-        How far the line of sight goes up in the tube for each degree, where all the weight of the
-        mirror presses along the tube into its cell, and where it hangs across it; rad/degC.
+        Upward shift of the line of sight per degree, when all the weight of the mirror presses
+        along the tube into its cell, and when it hangs across the tube; rad/degC.
     """
 
     along_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
     across_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
 
     def shift(self, down, warmer):
-        """Up, rad: of gravity as the tube sees it (n, 3), and degC above the reference."""
+        """Up, rad, from gravity in the tube's frame (n, 3) and degC above the reference."""
         return -warmer * (self.along_slope * down[..., 1] + self.across_slope * down[..., 2])
