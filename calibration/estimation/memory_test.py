@@ -31,9 +31,10 @@ from .candidates import largest
 #: correlated noise can imitate a group if it inflates the variance of its score by more than this;
 #: at a factor of 1.2 a p of 0.01 is really 0.02
 _INFLATED = 1.2
-#: lag-1 autocorrelation of a group's columns below which its score is inflated by less than
-#: `_INFLATED`: by less than 1 + 2 _UNLIKE (1 + r + r^2 ...) for noise with r = 0.6; with longer
-#: correlation times groups that pass the test are tested again
+#: `MemoryMask.covers` is False, without computing the inflation, if the lag-1 autocorrelation of a
+#: group's columns is not above this. If it is no larger at longer lags, noise of correlation r^k at
+#: lag k inflates the score by at most 1 + 2 _UNLIKE (r + r^2 ...): 1.15 at r = 0.6, and more than
+#: `_INFLATED` only above r = 2/3. `MemoryMask.covered` always computes it
 _UNLIKE = 0.05
 #: simulated runs: with the tail of `tail_share` they set a limit as precisely as 300 counted ones
 SIMULATIONS = 99
@@ -87,7 +88,7 @@ class MemoryMask:
 
     def covers(self, g):
         """Whether correlated noise can imitate a group."""
-        # first the cheaper test: are its columns correlated along the order of the rows at all?
+        # first a cheaper test, see `_UNLIKE`: are its columns correlated from row to row?
         columns = self._plain.basis.off(self._plain.noise.whiten(self._bank.of(g)))
         ordered = columns.reshape(-1, self._sequence.order.size)[:, self._sequence.order]
         before = np.einsum('ij,ij->', ordered[:, 1:], ordered[:, :-1])

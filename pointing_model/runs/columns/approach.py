@@ -12,25 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From which side each axis came to a row, by the order of the rows."""
+"""Direction in which each axis moved to a row, from the order of the rows."""
 
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
 _TURN = 2.0 * np.pi
-_GAP = 6 * 3600.0  # s: in between the mount may have been anywhere
-#: an axis that read so little otherwise stood still: the sign would be that of the error itself
+_GAP = 6 * 3600.0  # s: after a longer gap the direction is unknown
+#: an axis that moved less stood still: the sign would be that of the pointing error itself
 _STANDS = 60.0 * ARCSEC
 
 
 def derive_approach(table):
-    """Directions of approach, where they are missing, from the order in time.
+    """Derive missing directions of approach from the order of the rows in time.
 
-    Without the time of every row, from the order of the rows. Rows that are left out count: the
-    mount was there. After a row without a place, at the first of each run and after 6 hours
-    without a row the direction is unknown, 0. A row where the axis stands still (within 1′)
-    keeps the direction of the motion that brought it there.
+    If some row has no time, the order in the file is taken. Excluded rows count: the mount was
+    there. The direction is unknown, 0, after a row without a place, in the first row of each run
+    and after 6 hours without a row. If the axis moves by less than 1′, the row keeps the last
+    direction.
     """
     columns, notes = table.columns, table.meta['notes']
     names = {axis: f'approach_{axis}' for axis in ('az', 'el')}
@@ -69,11 +69,11 @@ def derive_approach(table):
 
 
 def _sequence(columns):
-    """Rows in the order they were observed, and whether the time gives it."""
+    """Rows in the order of observation, and whether this is the order in time."""
     time = columns.get('time')
     if time is None or not np.isfinite(time).all() or np.ptp(time) == 0.0:
         return np.arange(len(columns['az'])), False
-    # their own clocks may begin anew in each run
+    # the clock may restart in each run
     return np.lexsort((time, columns['run']) if 'run' in columns else (time,)), True
 
 
@@ -88,7 +88,7 @@ def _new_runs(columns, order):
 
 
 def _reads_past_a_turn(table, reading):
-    """Whether azimuths read beyond 0..360 as well as -180..180, by more than their offsets."""
+    """Whether azimuth readings fit neither 0..360 nor -180..180, allowing for their zero."""
     sound = table.reasons == 0
     if not table.meta.get('raw_reading', True) or not sound.any():
         return False
@@ -100,7 +100,7 @@ def _reads_past_a_turn(table, reading):
 
 
 def _carry(sign):
-    """0 takes the value before it, NaN becomes 0."""
+    """Replace each 0 by the last value that is not 0, then NaN by 0."""
     own = np.flatnonzero(sign != 0.0)  # NaN too
     if own.size == 0:
         return np.zeros(len(sign))

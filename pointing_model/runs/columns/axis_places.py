@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From the columns of a file to catalogue places and readings by the axes of the mount."""
+"""Catalogue places and readings as angles of the mount's axes, from the columns of a file."""
 
 from dataclasses import replace
 
@@ -27,24 +27,25 @@ from .pier_side import note_counterweight, read_beyond, through_the_pole
 from .row_checks import PAIRS
 from .solve_columns import are_images, refuse_hours
 
-_NEAR = 10.0 * DEG  # zeros of readings of an alt-azimuth mount are smaller, or one for all rows
-#: elevation below which one row or two are not beyond the zenith, and how many are
+#: readings of an alt-azimuth mount are within this of their places (azimuth: without its zero)
+_NEAR = 10.0 * DEG
+#: fewer than `_FEWEST` rows below this elevation with azimuth half a turn off have a wrong azimuth:
+#: they are not beyond the zenith
 _LOW, _FEWEST = 60.0 * DEG, 3
-_LEAST = 0.05  # arcsec: the air alone makes more
-_MOST = 0.9  # of the rows are near their places, where some are beyond the zenith
+_LEAST = 0.05  # arcsec: the atmosphere alone causes larger errors
+_MOST = 0.9  # fraction of rows near their places, needed to take any as beyond the zenith
 
 
 def observe_places(path, table, weather, origin, mount):
-    """`az`, `el` of the rows from `ra`, `dec`, `time`, in the file's sense of azimuth.
+    """Observed `az`, `el` of the rows from `ra`, `dec`, `time`, in the file's sense of azimuth.
 
-    Of a mount that is no alt-azimuth one they are azimuth and elevation too, until `to_axes`.
-    Where the file has a sidereal clock (``lst_told``, radians) that gives the moment, and ``time``
-    only the day.
+    They are azimuth and elevation for every kind of mount; `to_axes` converts them. If the file has
+    sidereal times (``lst_given``, radians), these give the moment and ``time`` only the day.
 
     Raises
     ------
     ValueError
-        No site, a time that is not UTC, weather out of range.
+        The site is missing, a time is not UTC, or weather is out of range.
     """
     columns, meta = table.columns, table.meta
     if 'ra_deg' not in columns:
@@ -67,7 +68,7 @@ def observe_places(path, table, weather, origin, mount):
                                 columns['time'][known], site)
         columns['time'] = time
         _note_clock(meta, site if given_longitude else None)
-        if not given_longitude:  # the clock gives the day, and what comes after what
+        if not given_longitude:  # the times give only the day and the order of the rows
             meta['time_is_utc'] = False
     table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
     ok = (table.reasons == 0) & np.isfinite(ra) & np.isfinite(dec) & np.isfinite(time)
@@ -105,13 +106,13 @@ def observe_places(path, table, weather, origin, mount):
 
 
 def mount_ascension(path, table):
-    """Hour angles of the mount from its right ascension and the sidereal time.
+    """Hour angle readings of the mount from its right ascension and the sidereal time.
 
     Raises
     ------
     ValueError
-        No sidereal time, and no longitude or no UTC to make it of; a frame of readings that are
-        no right ascension, or one that needs UTC without it.
+        There is no sidereal time, and no longitude or UTC to compute it from; a frame is declared
+        for readings that are not right ascensions, or it needs UTC and there is none.
     """
     columns, meta = table.columns, table.meta
     frame = meta.pop('readings_frame', None)
@@ -135,9 +136,9 @@ def mount_ascension(path, table):
         lst = np.full(len(time), np.nan)
         lst[known] = sidereal_time(time[known], site)
         text = f'the time at longitude {site.longitude / DEG:.6g} deg'
-        meta['reads_by_clock'] = True  # another clock is another hour angle of the mount
+        meta['reads_by_clock'] = True  # a clock error shifts the mount's hour angle
     from pointing_model.runs.plate_solves.frames import OF_DATE, to_date
-    if 'solved' in meta:  # as they are written
+    if 'solved' in meta:  # keep the readings as the file has them
         rows = np.searchsorted(table.lines, meta['solved'].lines)
         meta['solved_readings'] = replace(
             meta['solved'], ra=ascension[rows], dec=columns['el_enc'][rows],
@@ -153,7 +154,7 @@ def mount_ascension(path, table):
 
 
 def _note_clock(meta, site):
-    """A note of how a sidereal clock became moments; `site` None: its longitude is not given."""
+    """Add a note on how sidereal times became UTC; `site` is None if the longitude is unknown."""
     given = meta.pop('time_note', None)
     if given is None:
         return
@@ -164,12 +165,12 @@ def _note_clock(meta, site):
 
 
 def _whole_site(path, meta, sidereal_clock):
-    """The site with everything that a place of the sky needs.
+    """The `Site`, with the latitude and, without a sidereal clock, the longitude.
 
     Raises
     ------
     ValueError
-        It is not given.
+        One of them is missing.
     """
     given = known_site(meta)
     needed = ('latitude',) if sidereal_clock else ('latitude', 'longitude')
@@ -180,21 +181,21 @@ def _whole_site(path, meta, sidereal_clock):
                          + ', '.join(f'"# {name}_deg: ..."' for name in missing)
                          + f', or {" ".join(f"--{name} DEG" for name in missing)}')
     from pointing_model.sky.site import Site
-    # with a sidereal clock the longitude only says which moment of the day it is
+    # with a sidereal clock the longitude only sets the time of day
     return Site(given['latitude'], given.get('longitude', 0.0), given.get('height', 0.0))
 
 
 def to_axes(path, table, mount):
-    """Catalogue places and readings as angles of the mount's axes, each row on its side.
+    """Convert places and readings to angles of the mount's axes, each row on its pier side.
 
-    Readings beyond the pole say on which side the mount was (`pier_side.read_beyond`); else the
-    column ``pier_side`` does (`pier_side.through_the_pole`), and readings are then places of the
-    sky. Without either nothing is through the pole.
+    The pier side comes from readings beyond the pole (`pier_side.read_beyond`). If there are none,
+    it comes from the column ``pier_side`` (`pier_side.through_the_pole`), and the readings are
+    then places on the sky. Without either, no row is through the pole.
 
     Raises
     ------
     ValueError
-        As of `pier_side.through_the_pole`.
+        See `pier_side.through_the_pole`.
     """
     columns, meta = table.columns, table.meta
     beyond = np.zeros(len(table.lines), bool)
@@ -230,7 +231,7 @@ def to_axes(path, table, mount):
             columns['az'], columns['el'] = mount.axes_of(columns['az'], columns['el'], beyond)
         else:
             columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
-        sound = table.reasons == 0  # what else the others hold is to be seen as it was written
+        sound = table.reasons == 0  # excluded rows keep the angles of the file
         first, second = mount.on_travel(columns['az'], columns['el'])
         columns['az'] = np.where(sound, np.where(beyond, first, wrap(columns['az'])), columns['az'])
         columns['el'] = np.where(sound & beyond, second, columns['el'])
@@ -246,9 +247,10 @@ def to_axes(path, table, mount):
 
 
 def past_zenith(table):
-    """Rows of an alt-azimuth mount beyond its zenith (`rows_beyond_zenith`), as angles of its axes.
+    """Convert rows of an alt-azimuth mount beyond its zenith to angles of its axes.
 
-    Places are then beyond the zenith too. ``table.written`` has what the file has.
+    See `rows_beyond_zenith`. Their places are then beyond the zenith too. ``table.written`` keeps
+    the angles of the file.
     """
     columns, pairs = table.columns, [pair for pair in PAIRS[1:] if set(pair) <= set(table.columns)]
     if not pairs:
@@ -273,22 +275,22 @@ def past_zenith(table):
 def rows_beyond_zenith(place, reads, sound):
     """Which rows of an alt-azimuth mount are beyond its zenith.
 
-    There the azimuth reads half a turn on, and the elevation beyond 90 degrees; or the elevation
-    reads as if it were not beyond, and the azimuth alone says so.
+    There the azimuth reading is half a turn off and the elevation is beyond 90 degrees, or is
+    folded back below it so that only the azimuth shows it.
 
     Parameters
     ----------
     place, reads : pair of ndarray, shape (n,)
-        Azimuth and elevation on the sky and as the mount reads, radians.
+        Azimuth and elevation on the sky, and the mount's readings, radians.
     sound : ndarray of bool, shape (n,)
-        Rows to look at.
+        Rows to test.
 
     Returns
     -------
     beyond, folded : ndarray of bool, shape (n,)
-        Folded: those beyond whose elevation does not say so. None is either where readings are not
-        near their places in most rows, on one side or the other: that is for a check of the
-        columns.
+        `folded`: rows beyond the zenith whose elevation is folded back. Both are all False if less
+        than `_MOST` of the readings are near their places, on either side of the zenith: the check
+        of the columns handles that.
     """
     sound = sound & np.isfinite(sum((*place, *reads)))
     place, reads = ([np.where(sound, v, 0.0) for v in pair] for pair in (place, reads))
@@ -297,9 +299,9 @@ def rows_beyond_zenith(place, reads, sound):
     near = [np.abs(wrap(reads[1] - to)) < _NEAR for to in (place[1], np.pi - place[1])]
     turn = wrap(away - _zero(away[sound & ~high]))
     half = (np.cos(turn) < 0.0) & (np.abs(wrap(turn + np.pi)) * np.cos(place[1]) < _NEAR)
-    # nearer to the zenith an axis that leans swings the azimuth as far
+    # nearer to the zenith a tilt of the axis changes the azimuth as much
     folded = sound & ~high & half & near[0] & (place[1] < 0.5 * np.pi - _NEAR)
-    # a single one far from the zenith has a wrong azimuth
+    # one or two rows far from the zenith have a wrong azimuth
     low = folded & (place[1] < _LOW)
     folded &= ~low | (low.sum() >= _FEWEST)
     beyond = sound & high & half & near[1] | folded
@@ -309,12 +311,12 @@ def rows_beyond_zenith(place, reads, sound):
 
 
 def unfolded(el, reading):
-    """Readings of an elevation beyond the zenith, folded back or not, near places `el` there."""
+    """Elevation readings beyond 90 degrees, whether folded back or not, near the places `el`."""
     return el + wrap(np.where(is_beyond(reading), reading, np.pi - reading) - el)
 
 
 def _zero(away):
-    """Azimuth zero of readings of which some may be half a turn on."""
+    """Azimuth zero of readings, some of which may be half a turn off."""
     if not len(away):
         return 0.0
     zero = 0.5 * np.angle(np.exp(2j * away).sum())
@@ -323,17 +325,17 @@ def _zero(away):
 
 def _turn_on_sky(columns, beyond):
     for name in ('miss_x', 'miss_y', 'x_arcsec', 'y_arcsec'):
-        if name in columns:  # on the sky; beyond the pole both axes grow the other way
+        if name in columns:  # on the sky; beyond the pole both axes increase the other way
             columns[name] = np.where(beyond, -columns[name], columns[name])
 
 
 def _keep_written(path, table, pairs, side, mount):
-    """``table.written``: the angles of the axes before rows are placed beyond the pole.
+    """Set ``table.written``: the angles of the axes before rows are placed beyond the pole.
 
-    `side`: the column of the side of the pier, or what was made of it. It is kept where readings
-    beyond the pole take its place too: in another unit than degrees none of them may be.
+    `side`: the column ``pier_side``, or the mask derived from it. It is also kept if readings
+    beyond the pole override it: in a unit other than degrees none of them may really be beyond.
     """
-    if not pairs:  # offsets on the sky: the readings are made of the places
+    if not pairs:  # offsets on the sky: the readings are computed from the places
         return
     columns = table.columns
     place = columns['az'], columns['el']
@@ -353,7 +355,7 @@ def _keep_written(path, table, pairs, side, mount):
 
 
 def _air(columns, rows, site, weather, meta):
-    """`refraction.air_of_rows`, or the weather that was given as a whole."""
+    """Air of some rows from `refraction.air_of_rows`; a given `Weather` applies as a whole."""
     from pointing_model.sky.refraction import Weather, air_of_rows
     own = {name: columns[name][rows] for name in ('pressure', 'temperature') if name in columns}
     if isinstance(weather, Weather):
@@ -384,7 +386,7 @@ def read_offsets(table):
 
 
 def note_no_error(table):
-    """A note where the mount would err by less than any: readings or offsets are none."""
+    """Add a note if the pointing errors are smaller than any mount's: they are no measurements."""
     az, el, az_enc, el_enc = (table.columns[name][table.reasons == 0] for name in REQUIRED)
     if len(az) < _FEWEST:
         return
@@ -396,7 +398,7 @@ def note_no_error(table):
 
 
 def from_south(columns):
-    """Azimuth 0 south, 90 east to 0 north, 90 east: the sense of azimuth turns round."""
+    """Convert azimuths from 0 south, 90 east to 0 north, 90 east; their sense is reversed."""
     for name in ('az', 'az_enc', 'az_abs', 'az_raw'):
         if name in columns:
             columns[name] = np.pi - columns[name]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rows of a file, and how their cells become numbers: one set of rules for every format."""
+"""Rows of a file, and the rules for converting cells to numbers, the same for every format."""
 
 import re
 from collections import Counter
@@ -21,33 +21,33 @@ import numpy as np
 
 from msg_tools.iso_time import read_iso
 
-_BLOCK = 5000  # times that are read together
-#: cells that say that nothing is known
+_BLOCK = 5000  # times parsed at once
+#: cells that mean "no value", in lower case
 UNKNOWN = ('', 'n/a', 'na', '-', '--', 'none', 'null', '?', 'unknown')
 _POINT = re.compile(r'[-+]?\d*\.\d+(?:[eE][-+]?\d+)?', re.ASCII)
 _COMMA = re.compile(r'[-+]?\d*,\d+(?:[eE][-+]?\d+)?', re.ASCII)
 _NO_TIME = 'is neither ISO 8601 (2021-08-21T04:36:01.5Z) nor seconds since 1970'
 YEAR_1900, YEAR_2100 = -2208988800.0, 4102444800.0  # s since 1970
-CLOCK = 1e8  # s: below, time counts from an arbitrary start
+CLOCK = 1e8  # s: smaller times count from an arbitrary start
 
 
 class Exclusions:
-    """What has rows, and ``reasons`` why some are left out: ndarray of object, 0 where not."""
+    """Base class with ``reasons`` for excluding rows: ndarray of object, 0 for rows in use."""
 
     def exclude(self, mask, text):
-        """Leave out the rows of `mask`; the first reason counts."""
+        """Exclude the rows of `mask`; the first reason is kept."""
         self.reasons[mask & (self.reasons == 0)] = text
 
     def exclude_row(self, row, text):
-        """Leave out a single row, by its place; the first reason counts."""
+        """Exclude a single row, by its index; the first reason is kept."""
         if self.reasons[row] == 0:
             self.reasons[row] = text
 
 
 class TextRows(Exclusions):
-    """Rows of a file whose cells become numbers.
+    """Rows of a file whose cells are converted to numbers.
 
-    A bad cell leaves its row out; a column most of whose cells are bad costs the file.
+    A bad cell excludes its row. If most cells of a column are bad, the file is refused.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class TextRows(Exclusions):
     lines : sequence of int, shape (n,)
         Line of the file that each row is on.
     strict : bool
-        One bad cell costs the file.
+        Refuse the file for a single bad cell.
     """
 
     def __init__(self, path, lines, strict=False):
@@ -67,7 +67,7 @@ class TextRows(Exclusions):
         return len(self.lines)
 
     def refuse(self, label, cells, bad):
-        """Leave out the rows of bad cells.
+        """Exclude the rows of bad cells.
 
         Parameters
         ----------
@@ -75,12 +75,12 @@ class TextRows(Exclusions):
             Name of the column.
         cells : sequence of str, shape (n,)
         bad : dict of int to str
-            Rows, and what is reported of their cells.
+            Row index -> what is wrong with its cell.
 
         Raises
         ------
         ValueError
-            File, row and column, where most cells are bad.
+            Most cells are bad; it names file, row and column.
         """
         if not bad:
             return
@@ -92,22 +92,22 @@ class TextRows(Exclusions):
             self.exclude_row(i, f'{label} {cells[i][:40]!r} {what}')
 
     def floats(self, label, cells):
-        """Cells as numbers; one that is empty, or says that it is unknown, is NaN.
+        """Cells as numbers; empty and unknown ones are NaN.
 
         Parameters
         ----------
         label, cells
-            As of `refuse`.
+            See `refuse`.
 
         Returns
         -------
         ndarray, shape (n,)
-            NaN where a cell is no number.
+            NaN where a cell is not a number.
 
         Raises
         ------
         ValueError
-            As `refuse`.
+            See `refuse`.
         """
         cells = decimal_points(cells)
         try:
@@ -124,20 +124,20 @@ class TextRows(Exclusions):
         return values
 
     def iso_times(self, label, cells):
-        """Seconds since 1970 of ISO 8601 times, UTC where no zone is given; empty is NaN.
+        """Seconds since 1970 of ISO 8601 times; UTC if no zone is given, NaN if empty.
 
         Parameters
         ----------
         label, cells
-            As of `refuse`. What is read: `msg_tools.iso_time.read_iso`.
+            See `refuse`; for the accepted forms `msg_tools.iso_time.read_iso`.
 
         Raises
         ------
         ValueError
-            As `refuse`; a bad cell is no such time, or outside 1900 to 2100.
+            See `refuse`. A bad cell is not an ISO 8601 time, or is outside 1900 to 2100.
         """
         values = np.empty(len(cells))
-        for i in range(0, len(cells), _BLOCK):  # what a pattern matched is ten times as long
+        for i in range(0, len(cells), _BLOCK):  # matches take ten times the memory of the cells
             whole, fraction = read_iso(cells[i:i + _BLOCK])
             values[i:i + _BLOCK] = whole + fraction
         bad = {int(i): _NO_TIME for i in np.flatnonzero(np.isnan(values))
@@ -148,17 +148,17 @@ class TextRows(Exclusions):
         return np.where(outside, np.nan, values)
 
     def times(self, label, cells):
-        """Times that are seconds since 1970, or ISO 8601: what most cells are.
+        """Times as seconds since 1970 or ISO 8601, whichever most cells are.
 
         Parameters
         ----------
         label, cells
-            As of `refuse`.
+            See `refuse`.
 
         Raises
         ------
         ValueError
-            As `refuse`; half of the times are seconds, half ISO 8601.
+            See `refuse`; or half of the times are seconds and half ISO 8601.
         """
         known = [i for i, cell in enumerate(cells) if cell.lower() not in UNKNOWN]
         seconds = [i for i in known if is_number(cells[i])]
@@ -179,14 +179,14 @@ class TextRows(Exclusions):
 
 
 class WordRows(TextRows):
-    """Rows of words between blanks, also behind a ``#``.
+    """Rows of words separated by blanks, also after a ``#``.
 
     Parameters
     ----------
     path : Path or str
         For messages.
     body : list of (int, str)
-        Line of the file and text of each row.
+        Line number in the file and text of each row.
     """
 
     def __init__(self, path, body):
@@ -198,12 +198,14 @@ class WordRows(TextRows):
         return [row[i] for row in self.cells]
 
     def same_width(self, width, what, against):
-        """Blank rows of another length than `width`; `what` their cells are, and `against` what.
+        """Exclude and blank rows that do not have `width` cells.
+
+        The reason reads "<number> `what`, but `against`".
 
         Raises
         ------
         ValueError
-            With the file and the row, where most rows are such.
+            Most rows have another width; it names file and row.
         """
         bad = [i for i, row in enumerate(self.cells) if len(row) != width]
         for i in bad:
@@ -215,7 +217,7 @@ class WordRows(TextRows):
 
 
 def is_number(text):
-    """Whether `text` reads as a number (NaN and infinities do)."""
+    """Whether `text` is a number (NaN and infinities are)."""
     try:
         float(text)
     except ValueError:
@@ -224,27 +226,27 @@ def is_number(text):
 
 
 def commented_rows(lines, is_row):
-    """Numbers of the lines that were taken back by a ``#`` before them: `is_row` of their words."""
+    """Numbers of the commented-out lines (``#``) that are rows: `is_row` is True of their words."""
     return [number for number, line in enumerate(lines, 1) if line.lstrip().startswith('#')
             and is_row(line.lstrip().lstrip('# ').split())]
 
 
 def usual_width(body):
-    """Words of most lines of (line number, text), but for those that begin with ``#``."""
+    """Most common number of words per line of (line number, text), preferring those without #."""
     lines = [line for _, line in body if not line.startswith('#')] or [line.lstrip('# ')
                                                                        for _, line in body]
     return Counter(len(line.split()) for line in lines).most_common(1)[0][0]
 
 
 def decimal_points(cells):
-    """Numbers with decimal commas as ones with points, where none of the column has a point."""
+    """Replace decimal commas by points, unless some cell of the column has a decimal point."""
     if not any(',' in cell for cell in cells) or any(map(_POINT.fullmatch, cells)):
         return cells
     return [cell.replace(',', '.') if _COMMA.fullmatch(cell) else cell for cell in cells]
 
 
 def _no_number(cell):
-    """What is reported of a cell that should be a number."""
+    """Error text for a cell that should be a number."""
     if re.fullmatch(r'[-+]?\d+[ :hd°]\s*\d+.*', cell):
         return 'is not a number; write decimal degrees, as 45.5'
     if _COMMA.fullmatch(cell):
@@ -255,12 +257,12 @@ def _no_number(cell):
 
 
 def day_unit(value):
-    """Of which days a number of seconds would be a date, in words; '' where of none."""
+    """Kind of day count that a number of seconds looks like, in words; '' if none."""
     return 'Julian days' if value > 2.4e6 else 'days (MJD)' if value > 3e4 else ''
 
 
 def _likely_unit(value):
-    """A question after a unit in which a number would be a time."""
+    """A question naming the unit in which a number would be a plausible time; '' if none."""
     return next((f' (is this {word}?)' for scale, word in (
         (1e3, 'milliseconds'), (1e6, 'microseconds'), (1e9, 'nanoseconds'))
         if CLOCK < value / scale < YEAR_2100), '')

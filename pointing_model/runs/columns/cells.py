@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tables of cells as people and spreadsheets write them: one set of rules for every file.
+"""Tables of cells as people and spreadsheets write them, with the same rules for every file.
 
-A row whose cells are not as many as the header's costs that row; most rows of another length, or a
-column twice, the file. Cells are divided by commas, semicolons or tabs, whichever the header has
-most of, or by blanks. What numbers and times cost is in `run_table.cost_rows`.
+A row with more or fewer cells than the header is excluded. The file is refused if most rows are
+such, or if a column occurs twice. Cells are separated by commas, semicolons or tabs, whichever the
+header has most of, else by blanks. For bad numbers and times see `cell_values.TextRows`.
 """
 
 import csv
@@ -27,11 +27,11 @@ import numpy as np
 from .cell_values import TextRows, is_number
 from .run_table import content
 
-_BLOCK = 5000  # lines that are split at a time
+_BLOCK = 5000  # lines split at once
 MOST_COLUMNS = 1000  # no program writes so many; ten thousand take minutes
-#: what a spreadsheet takes for a formula, also behind blanks
+#: what a spreadsheet takes for a formula, also after blanks
 _FORMULA = re.compile(r"[\s']*[=+\-@\t\r＝＋－＠]")
-#: what a terminal obeys, and what turns the direction of a text
+#: control characters of terminals, and those that change the direction of text
 _CONTROL = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]')
 
 
@@ -52,14 +52,14 @@ class Cells(TextRows):
         path : Path or str
             For messages.
         lines : list of str
-            Of the file, as of `run_table.read_lines`.
+            Of the file, see `run_table.read_lines`.
         delimiter : str, optional
             By default that of the header.
 
         Raises
         ------
         ValueError
-            A column is twice there, most rows have another length, too many columns.
+            A column occurs twice, most rows have another length, or there are too many columns.
         """
         body = content(lines)
         self.delimiter = delimiter or delimiter_of(body[0][1])
@@ -76,7 +76,7 @@ class Cells(TextRows):
         if twice:
             raise ValueError(f'{path}: column {twice[0]!r} is there twice')
         super().__init__(path, [number for number, _ in body[1:]])
-        # as text, a million rows would take most of the memory
+        # bytes: a million rows of str would take most of the memory
         self._blocks = []
         for i in range(1, len(body), _BLOCK):
             rows = self._split(body[i:i + _BLOCK], i - 1)
@@ -93,14 +93,14 @@ class Cells(TextRows):
         return self.column(self.header.index(name))
 
     def _split(self, body, first):
-        """Rows of a block; one of another length is blank and has its reason."""
+        """Rows of a block; one of another length is blanked and gets a reason."""
         width = len(self.header)
         try:
             rows = list(csv.reader((line for _, line in body), delimiter=self.delimiter,
                                    strict=True, skipinitialspace=True))
         except csv.Error:
             rows = []
-        if len(rows) != len(body):  # a quoted cell runs over the end of its line
+        if len(rows) != len(body):  # a quoted cell does not end on its line
             rows = [split_row(line, self.delimiter) for _, line in body]
         for i, row in enumerate(rows):
             if row is not None:
@@ -126,7 +126,7 @@ class Cells(TextRows):
 
 
 def split_row(line, delimiter):
-    """Cells of a line; None where a quoted one does not end on it."""
+    """Cells of a line; None if a quoted one does not end on it."""
     try:
         rows = list(csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=True))
     except csv.Error:
@@ -135,28 +135,28 @@ def split_row(line, delimiter):
 
 
 def delimiter_of(line):
-    """What divides the cells of a header: a comma, a semicolon or a tab, without any blanks."""
+    """Separator of a header's cells: comma, semicolon or tab; a blank if it has none of them."""
     best = max(',;\t', key=lambda delimiter: len(split_row(line, delimiter) or ()))
     return best if best in line else ' '
 
 
 def plain_text(cell):
-    """A cell as it was before `safe_text`."""
+    """A cell without the apostrophe that `safe_text` adds."""
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell[1:]) else cell
 
 
 def safe_text(text):
-    r"""A text that no spreadsheet runs and no terminal obeys.
+    r"""Text that spreadsheets do not run and terminals do not obey.
 
-    What looks like a formula gets an apostrophe before it, which `plain_text` takes off;
-    characters that a terminal obeys are spelt as ``\\x1b``. Numbers are as they are.
+    What looks like a formula gets an apostrophe in front, which `plain_text` removes. Control
+    characters are escaped, as ``\\x1b``. Numbers are unchanged.
     """
     text = _CONTROL.sub(lambda found: found[0].encode('unicode_escape').decode(), text)
     return f"'{text}" if _FORMULA.match(text) and not is_number(text) else text
 
 
 def write_rows(stream, rows, *, delimiter=',', quoting=csv.QUOTE_MINIMAL):
-    """Write rows of cells as CSV; texts as `safe_text` has them.
+    """Write rows of cells as CSV, with `safe_text` for texts.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def write_rows(stream, rows, *, delimiter=',', quoting=csv.QUOTE_MINIMAL):
     rows : iterable of sequence
     delimiter : str
     quoting : int
-        Of the module ``csv``.
+        A ``QUOTE_`` constant of the module ``csv``.
     """
     writer = csv.writer(stream, delimiter=delimiter, quoting=quoting, lineterminator='\n')
     writer.writerows([safe_text(cell) if isinstance(cell, str) else cell for cell in row]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Names of columns: those that are read, those near to one, those that name a cause."""
+"""Names of columns: those that are read, their misspellings, and those that are causes."""
 
 import difflib
 import re
@@ -26,26 +26,28 @@ from .solve_columns import PARITY, SCALE, SIGMA
 #: name in a header -> name in memory
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
 CSV_NAMES.update({name: name for name in run_table.SPECIAL if name != 'lst_given'})
-#: of other mounts: their columns, those of a place of the horizon, and the side of the pier
+#: names of azimuth and elevation in a header -> names in memory
 HORIZON_NAMES = {'az_deg': 'az', 'el_deg': 'el'}
+#: mounts that are not alt-azimuth: names of the axes, and name in a header -> name in memory
 OTHER_NAMES = [(names, {**{name: name for name in run_table.SPECIAL if name != 'lst_given'},
                         **{column_name(name, names): name for name in COLUMNS},
                         'pier_side': 'pier_side'})
                for names in KINDS.values() if not (names.vertical or names.two_sided)]
 
-_ALIKE = 0.84  # of `difflib`: sigma_az and sigma_az_arcsec without their units, not az_err_deg
+#: least `difflib` ratio: sigma_az passes as sigma_az_arcsec (without units), az_err_deg does not
+_ALIKE = 0.84
 _UNIT = re.compile('_(?:deg|arcsec|c|hpa|s|h)$')
-_SHORT = 4  # letters: below, any name is near another
+_SHORT = 4  # letters: shorter names resemble too many others
 _COUNTED = re.compile(r'\d')
-#: of a row of solved images, beside right ascension and declination
+#: columns of solved images, besides right ascension and declination
 _SOLVE_COLUMNS = (SIGMA, SCALE, PARITY)
-#: words in names of columns that are causes: what acts on a mount and no fit or image makes
+#: words in names of columns that are causes: they act on a mount, and no fit or image yields them
 _CAUSES = set(re.split(r'\s+', """ambient amb air dome truss tube mirror pier side humidity hum rh
     dew wind gust hpa mbar baro filter colour color magnitude mag exposure load balance cable sun
     moon heater fan voltage supply"""))
 _CAUSE_BEGINS = ('temp', 'tamb', 'tair', 'ttube', 'tmirror', 'ttruss', 'tdome', 'press', 'humid',
                  'wind', 'foc', 'rot', 'derot')
-#: words in names of columns that are outcomes of a fit or of an image, whatever else is in them
+#: words in names of columns that are results of a fit or an image, whatever else the name has
 _OUTCOMES = set(re.split(r'\s+', """rms error errors err chi chi2 sigma sig std stdev rmse fwhm
     fitted model offset offsets delta asym asymmetry weight quality score correction corr peak
     flux snr dx dy daz del"""))
@@ -53,7 +55,7 @@ _OUTCOME_BEGINS = ('resid', 'asym')
 
 
 def is_cause(name):
-    """Whether the name of a column says that it is a cause and not an outcome of a measurement.
+    """Whether a column is, by its name, a cause of errors and not the result of a measurement.
 
     ``Tamb``, ``wind_speed`` and ``foc.dZ`` are; ``src.dFWHM``, ``temp_residual`` and ``column7``
     are not.
@@ -65,18 +67,18 @@ def is_cause(name):
 
 
 def near_column(name, header, by_header, names):
-    """The column that is read whose name is nearest, if one is near, else None.
+    """The known column whose name is most similar, None if none is similar enough.
 
     Parameters
     ----------
     name : str
-        Of a column that is kept as one of the user's own, or left out.
+        An unknown column, kept as a user's column or ignored.
     header : sequence of str
-        All columns of the file; what is there is not what is meant.
+        All columns of the file. A known column that the file has is no candidate.
     by_header : collection of str
-        Names that are read.
+        Names of known columns.
     names : MountKind
-        Of the axes: columns of x and y, az and el, are those of the first and the second.
+        Names of the axes: x or az in `name` mean the first axis, y or el the second.
 
     Returns
     -------
@@ -102,7 +104,7 @@ def _in_order(name):
 
 
 def _in_axes(name, names: MountKind):
-    """A name with the axes that it may mean in those of the mount."""
+    """A name with its axes (x, az, el ...) replaced by those of the mount."""
     first, second = names.columns
     own = {'x': first, 'y': second, 'az': first, 'el': second, 'alt': second, 'ra': first}
     parts = name.split('_')

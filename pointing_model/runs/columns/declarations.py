@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the comments above a CSV file's header row declare: frame, site, air."""
+"""Declarations in the comments above a CSV file's header row: frame, site, air."""
 
 import difflib
 import re
@@ -21,7 +21,7 @@ from pointing_model.runs.plate_solves.frames import Frame, parse_frame
 from pointing_model.sky.refraction import AIR
 from pointing_model.sky.site import SITE
 
-#: key in a file -> part of ``meta``, and what it is there
+#: key in a file -> part of ``meta``, and its field, unit and limits
 NUMBERS = {key: (part, one) for part, table in (('site', SITE), ('weather', AIR))
            for key, one in table.items()}
 _KEYS = ('frame', 'readings', 'mount', 'unsolved', *NUMBERS)
@@ -30,7 +30,7 @@ _NUMBER = re.compile(rf'#\s*({"|".join(NUMBERS)})\s+([-+.\d]\S*)')
 
 
 def declarations(path, lines, header=False):
-    """Comments ``# key: value`` before the first row; of numbers ``# key value``, too.
+    """Comments ``# key: value`` before the first row; for numbers also ``# key value``.
 
     Parameters
     ----------
@@ -39,19 +39,20 @@ def declarations(path, lines, header=False):
     lines : list of str
         Of the file.
     header : bool
-        Whether the first row names the columns: comments below it count as those above.
+        Whether the first row names the columns. Comments between it and the first row of values
+        then count too.
 
     Returns
     -------
     dict
         For ``meta``: ``mount_declared``, ``sky_frame`` and ``readings_frame`` (`Frame`), ``site``
-        and ``weather`` (dict, SI), as far as they are declared; ``notes`` of images that were not
-        solved, and of keys that look like a mistyped one. Other comments are free.
+        and ``weather`` (dict, SI), if declared; ``notes`` on images that were not solved and on
+        keys that look mistyped. Other comments are ignored.
 
     Raises
     ------
     ValueError
-        A value is no number or out of range, an unknown frame, a key twice.
+        A value is not a number or out of range, a frame is unknown, or a key occurs twice.
     """
     out, seen, notes = {}, set(), []
     for number, line in enumerate(lines, 1):
@@ -85,12 +86,12 @@ def declarations(path, lines, header=False):
 
 
 def declare(out, key, value, where):
-    """Put one declared value where ``meta`` has it.
+    """Store one declared value under the name that ``meta`` uses.
 
     Parameters
     ----------
     out : dict
-        Gets ``frame``, or a part of ``site`` or ``weather``.
+        Changed in place: gets ``mount_declared``, a frame, or a field of ``site`` or ``weather``.
     key : str
         ``mount``, ``frame``, ``readings`` (the frame of ``ra_enc_deg``), or one of `NUMBERS`.
     value : str or float
@@ -100,7 +101,7 @@ def declare(out, key, value, where):
     Raises
     ------
     ValueError
-        As `declarations`.
+        See `declarations`.
     """
     if key == 'mount':
         out['mount_declared'] = str(value)

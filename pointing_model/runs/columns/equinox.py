@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Catalogue places of an unnamed equinox: J2000 or of date, if the rows decide.
+"""Catalogue places of unknown equinox: J2000 or of date, if the data decide.
 
-A precession that is left out is a rotation about an axis that turns with the sky: to a mount it
-is a pole that lies elsewhere and walks with the sidereal time. Over a night of an hour or two that
-is a slow function of time, as drifting zeros are, and a curve of the direction where the sky is
-gone through in some order. So both equinoxes are tested with these in the model: beside the
-physical terms the other terms of the mount and what differs by the side of the pier, as one group,
-and zeros that drift as a random walk, as another, each with a size that the rows choose. What is
-compared is the likelihood with all of them integrated out, so that what they can explain decides
-nothing (restricted likelihood: Patterson and Thompson, Biometrika 58, 545, 1971).
+Omitted precession is a rotation about an axis that turns with the sky: a mount sees a polar axis
+error that changes with sidereal time. Over an hour or two this is a slow function of time, like
+drifting zeros, and a function of direction if the sky is covered in some order. So both equinoxes
+are tested with such effects in the model, as two groups of random effects with fitted variances:
+the other terms of the mount with differences between the pier sides, and zeros that drift as a
+random walk. The likelihoods compared have the terms and these groups integrated out, so that what
+they can explain decides nothing (restricted likelihood: Patterson and Thompson, Biometrika 58,
+545, 1971).
 """
 
 import numpy as np
@@ -33,36 +33,37 @@ from pointing_model.pointing_terms import stacked_design, terms_of
 
 from .pier_side import read_beyond
 
-#: the equinoxes that are tried; the first is taken where the rows do not decide
+#: the equinoxes tested; the first is taken if the data do not decide
 J2000, OF_DATE = 'J2000', 'of date'
-#: log-likelihood by which one must be likelier than the other
+#: least difference of the log-likelihoods that decides
 DECISIVE = 10.0
-#: the same, how many times less the terms leave, and how little (arcsec), where the other is given
+#: to refuse a given equinox: difference of the log-likelihoods, least ratio of the residuals of the
+#: terms alone (given to other), and largest residual of the other, arcsec
 _REFUSED, _TIMES, _FITS = 30.0, 1.25, 600.0
-_ROWS = 1000  # that are tested, evenly, of many
-_MODES = 6  # of the random walk of each axis
+_ROWS = 1000  # at most this many rows are tested, evenly spaced
+_MODES = 6  # modes of the random walk of each axis
 _LEAST_NOISE = 0.5  # arcsec
-_OUTLIER = 6.0  # times the noise, from where a row has no weight
+_OUTLIER = 6.0  # times the noise: larger residuals get no weight
 _ROUNDS = 4
-_SIZES = (-8.0, 5.0)  # log of the size of a group, in units of the noise
-_FAR = 0.1  # rad, of a term, from where rows cannot determine it and it is not made exact
+_SIZES = (-8.0, 5.0)  # limits of the log of a group's standard deviation, in units of the noise
+_FAR = 0.1  # rad: a term this large is undetermined, and the model is not made exact with it
 
 
 def which_fits(table, rows, icrs, apparent, mount):
-    """Azimuth and elevation of the rows, by the equinox with which the mount fits.
+    """Azimuth and elevation of the rows, with the equinox that fits better.
 
     Parameters
     ----------
     table : Table
-        With the readings, radians. A note says what was decided, and by how much;
-        ``meta['equinox_taken']`` holds it, see `comparison`.
+        With the readings, radians. It gets a note on the result, and the result itself as
+        ``meta['equinox_taken']``, see `comparison`.
     rows : ndarray of bool, shape (n,)
-        Those that the places are of.
+        Rows of the table that the places belong to.
     icrs : tuple of ndarray
         Observed azimuth and elevation with the places taken as ICRS.
     apparent : tuple
         Right ascension, declination, time, site and weather of the places, which may be apparent
-        ones of the moment.
+        places of date.
     mount : Mount
 
     Returns
@@ -77,22 +78,22 @@ def which_fits(table, rows, icrs, apparent, mount):
 
 
 def refuse_contradicted(path, table, rows, place, given, mount):
-    """Refuse the equinox that was given where the rows fit the other by far; else a note of it.
+    """Refuse the given equinox if the other fits far better; add a note if it fits better.
 
     Parameters
     ----------
     path : Path
     table, rows, mount
-        As of `which_fits`.
+        See `which_fits`.
     place : tuple of ndarray
-        Observed azimuth and elevation by the equinox that was given.
+        Observed azimuth and elevation with the given equinox.
     given : tuple
-        As `apparent` of `which_fits`.
+        See `apparent` of `which_fits`.
 
     Raises
     ------
     ValueError
-        They do.
+        The other fits far better.
     """
     option = table.meta['equinox_given']
     taken, other, instead = (J2000, OF_DATE, 'date') if option == 'j2000' else (
@@ -112,7 +113,7 @@ def refuse_contradicted(path, table, rows, place, given, mount):
 
 
 def _observed(equinox, ra, dec, time, *air):
-    """Azimuth and elevation of places of an equinox."""
+    """Observed azimuth and elevation of places of an equinox."""
     from pointing_model.runs.plate_solves import frames
     from pointing_model.sky.places import icrs_to_observed
     if equinox == OF_DATE:
@@ -127,14 +128,14 @@ def _compared(table, rows, places, apparent, mount):
 
 
 def comparison(places, reading, time, mount):
-    """Which equinox fits the rows.
+    """Compare the fits with two equinoxes.
 
     Parameters
     ----------
     places : dict of {str: (ndarray, ndarray)}
         Equinox -> azimuth and elevation, radians, shape (n,); the default first.
     reading : ndarray, shape (2, n)
-        Of the axes, radians.
+        Readings of the axes, radians.
     time : ndarray, shape (n,)
         Seconds.
     mount : Mount
@@ -142,10 +143,11 @@ def comparison(places, reading, time, mount):
     Returns
     -------
     dict
-        ``taken`` and ``other``; ``told``, whether the rows decide; ``likelier``, the equinox that
-        is, and ``log_likelihood``, by how much; ``left_arcsec``, by equinox what the physical terms
-        alone leave (robust, radial); ``polar_axis_arcsec``, by equinox the terms of the polar axis,
-        fitted alone (left out where no term is of it or the rows cannot determine them).
+        ``taken`` and ``other``: the equinoxes. ``told``: whether the data decide. ``likelier``: the
+        equinox of higher likelihood, and ``log_likelihood``: the difference. ``left_arcsec``:
+        residual of a fit of the physical terms alone for each equinox (robust, radial).
+        ``polar_axis_arcsec``: polar axis terms of that fit for each equinox (omitted if there are
+        none or the data cannot determine them).
     """
     default, other = places
     places = {name: np.array(place) for name, place in places.items()}
@@ -166,7 +168,7 @@ def comparison(places, reading, time, mount):
     for _ in range(_ROUNDS):
         for fit in fits.values():
             fit.fit(weights)
-        # a row that is an outlier with one equinox alone may be what separates them
+        # a row that is an outlier with one equinox only may be what separates them
         weights = np.max([fit.weights() for fit in fits.values()], axis=0)
     gain = float(fits[other].misfit - fits[default].misfit)
     found['likelier'], found['log_likelihood'] = (default if gain >= 0.0 else other), abs(gain)
@@ -184,12 +186,12 @@ def comparison(places, reading, time, mount):
 
 
 def sentence(found):
-    """What was decided, for people.
+    """The result in words.
 
     Parameters
     ----------
     found : dict
-        As `comparison` gives it.
+        See `comparison`.
 
     Returns
     -------
@@ -208,7 +210,7 @@ def sentence(found):
 
 
 def _moved(found):
-    """How the polar axis would stand with the other equinox."""
+    """How the other equinox would change the polar axis terms, in words; '' if unknown."""
     polar = found['polar_axis_arcsec']
     if set(polar) != {found['taken'], found['other']}:
         return ''
@@ -219,10 +221,10 @@ def _moved(found):
 
 
 class _EquinoxFit:
-    """The rows with the places of one equinox, and what fits them.
+    """Fit of the mount model with the places of one equinox.
 
-    After `fit`, ``misfit`` is minus the log-likelihood, but for a constant that both equinoxes
-    share.
+    After `fit`, ``misfit`` is minus the restricted log-likelihood, up to a constant that is the
+    same for both equinoxes.
     """
 
     def __init__(self, place, reading, time, mount):
@@ -240,7 +242,7 @@ class _EquinoxFit:
         self._radial = None
 
     def _columns(self, time):
-        """Other columns of the direction, of unit size, and those of zeros that walk."""
+        """Columns of the two groups: other terms, scaled to unit size, and drift of the zeros."""
         mount, n = self._mount, len(time)
         others = [name for name in terms_of(mount) if name not in (*self._names, 'TX3')]
         parts = [stacked_design(others, self._first, self._second, mount)]
@@ -258,18 +260,18 @@ class _EquinoxFit:
         return parts / np.sqrt(2.0 * np.mean(parts**2, axis=1, keepdims=True)), walks
 
     def _data(self):
-        """Offsets in arcsec, what is of the second order taken off where the terms are known."""
+        """Offsets in arcsec, less the second-order part of the model if the terms are known."""
         off = self._off
         if np.abs(self._p).max() < _FAR:
             exact = geometry.offsets(self._first, self._second, dict(zip(self._names, self._p)),
                                      self._mount)
             beyond = np.concatenate(exact) - self._p @ self._terms
-            off = off - np.where(np.isfinite(beyond), beyond, 0.0)  # none where it cannot point
+            off = off - np.where(np.isfinite(beyond), beyond, 0.0)  # NaN: the mount cannot point
         return off / ARCSEC
 
     def fit(self, weights):
-        """Fit terms and sizes with these weights of the rows."""
-        # slow to import, and few files leave their equinox open
+        """Fit the terms and the sizes of the groups with these row weights."""
+        # slow to import, and few files lack their equinox
         from scipy.linalg import solve_triangular
         from scipy.optimize import minimize
 
@@ -301,11 +303,11 @@ class _EquinoxFit:
         self._radial = np.hypot(*(rest - terms @ self._terms).reshape(2, -1))
 
     def weights(self):
-        """Weights of the rows by what the fit leaves, 1 of most."""
+        """Robust weights of the rows from the residuals, 1 for most rows."""
         return _weights(self._radial)
 
     def terms_alone(self):
-        """The physical terms without anything else, radians, and what they leave, arcsec."""
+        """Robust fit of the physical terms alone: terms, radians, and RMS residual, arcsec."""
         weights, self._p = np.ones(len(self._first)), np.zeros(len(self._names))
         for _ in range(5 * _ROUNDS):
             data, root = self._data(), np.sqrt(np.tile(weights, 2))

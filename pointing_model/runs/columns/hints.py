@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the columns of a table that is refused may be, for messages."""
+"""Guesses for error messages: what the columns of a refused table may be."""
 
 import difflib
 import re
@@ -28,13 +28,13 @@ _AXES = {'az': ('az', 'azimuth', 'azi', 'azm'),
 _READ = ('enc', 'encoder', 'mount', 'mnt', 'tel', 'telescope', 'raw', 'reading', 'axis')
 _OFF = ('offset', 'off', 'delta', 'd', 'error', 'err', 'diff', 'difference', 'daz', 'del', 'dalt',
         'dha', 'ddec', 'residual', 'xel', 'xoff', 'yoff')
-_FEW = 50  # rows that are looked at
-_SMALL = 15.0  # deg: a mount reads within it of the place, but for the zeros of its axes
-_EPOCH = 1e8  # s: a number beyond is a time
+_FEW = 50  # rows that are read
+_SMALL = 15.0  # deg: largest difference of reading and place, apart from the zeros of the axes
+_EPOCH = 1e8  # s: larger numbers are times
 
 
 def meant(name):
-    """Axis and role that a column's name gives.
+    """Axis and role of a column, from its name.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def meant(name):
 
 
 def closest(wanted, header):
-    """The column of a header that is most like one that is wanted, or None."""
+    """The column of a header that is most similar to a wanted one, or None."""
     axis, role = meant(wanted)
     alike = [name for name in header if axis and meant(name) == (axis, role)]
     near = difflib.get_close_matches(wanted, alike or header, 1, 0.0 if alike else 0.6)
@@ -63,7 +63,7 @@ def closest(wanted, header):
 
 
 def offsets(header):
-    """Of columns that are named as offsets of both axes, what to call them; '' without them."""
+    """How to rename columns that look like offsets of both axes; '' if there are none."""
     found = {axis: name for name in header for axis, role in [meant(name)]
              if role == 'offset' and axis in ('az', 'el', 'ha', 'dec')}
     for first, second in (('az', 'el'), ('ha', 'dec')):
@@ -76,15 +76,15 @@ def offsets(header):
 
 
 def without_header(path, body, delimiter):
-    """The message on a table of numbers without names: the line to put at its top.
+    """Error message for a table of numbers without a header: the line to put at its top.
 
     Parameters
     ----------
     path : Path
     body : list of (int, str)
-        Lines with rows.
+        Line number and text of each row.
     delimiter : str or None
-        Of the cells; None: blanks.
+        Separator of the cells; None: blanks.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def without_header(path, body, delimiter):
 
 
 def _guess(columns):
-    """Names of columns by their numbers, what was assumed, and lines for another mount."""
+    """Column names guessed from the values, the assumption, and lines that declare a mount."""
     names, at = [], 0
     for name, holds in (('star', _is_name), ('time', _is_time)):
         if at < len(columns) and holds(columns[at]):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""On which side of its pier a mount was: by a column, or by what it reads."""
+"""Pier side of each row, from a column or from the readings."""
 
 import numpy as np
 
@@ -20,34 +20,36 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import is_beyond, sides
 
 _UNKNOWN = ('', 'nan', 'unknown', 'none', 'null', 'n/a', '?', '-')
-#: part of the rows that may be against a rule by the hour angle, so that it still is one
+#: largest fraction of rows that may violate a rule by the hour angle
 _AGAINST = 0.1
-_FEWEST = 3  # rows that make a rule
-#: about the pole, where a zero of the second axis may put a reading beyond it; zeros are smaller
+_FEWEST = 3  # rows needed for a rule
+#: this near the pole the zero of the second axis can put a reading beyond it; zeros are smaller
 _NEAR = 10.0 * DEG
-_ALIKE = 0.9  # mean resultant of differences of first angles that are one zero
-#: a counterweight is well above level so far past the meridian; rows of either kind, at least
+#: least mean resultant length of the differences of the first angles that have one common zero
+_ALIKE = 0.9
+#: this far past the meridian a counterweight is well above or below level; least fraction of rows
+#: of each kind for a warning
 _PAST_MERIDIAN, _EITHER = 30.0 * DEG, 0.2
-_CLEAR = 0.5  # cosine of a turn of the first axis that tells the side
+_CLEAR = 0.5  # least |cosine| of the first axis's rotation that decides the side
 _COUNTERWEIGHT = (
     'the readings have the counterweight up in every row. If it was down, the hour angles count '
     'eastward: change the sign of all (else IH, CH, NP, MA have the wrong one)')
 
 
 def read_beyond(mount, place, reads, sound):
-    """Which rows look through the pole, by what the mount reads.
+    """Which rows look through the pole, from the mount's readings.
 
-    Near the pole the reading of the second axis tells it only without its zero, which the other
-    rows have too; that of the first is half a turn on. A mount that does not change its side there
-    is through the pole only where rows far from it are.
+    Near the pole the first axis decides: through the pole its reading is half a turn off. If that
+    is unclear, the second axis decides, after subtracting its zero as found from the other rows. A
+    mount that is not two-sided has such rows only if some of them are far from the pole.
 
     Parameters
     ----------
     mount : Mount
     place, reads : sequence of ndarray, shape (n,)
-        Angles of its axes, of the stars and as it reads, radians.
+        Axis angles of the stars, and readings, radians.
     sound : ndarray of bool, shape (n,)
-        Rows to look at.
+        Rows to test.
 
     Returns
     -------
@@ -75,19 +77,20 @@ def read_beyond(mount, place, reads, sound):
 
 
 def through_the_pole(path, table, side, hour_angle):
-    """Which rows look through the pole, by a column of the side of the pier.
+    """Which rows look through the pole, from the column ``pier_side``.
 
-    ``west`` (ASCOM's ``pierWest``), -1, or 1 of 0 and 1 is through the pole. Where ASCOM's numbers
-    are in the column (0 with -1) or words, -1 is unknown, as blank cells are. A 1 without a 0 may
-    be ASCOM's west, too: it is where the counterweight is then down in more rows. A row of an
-    unknown side is placed by its hour angle where the others show a rule, else it is left out.
+    Through the pole are: ``west`` (ASCOM's ``pierWest``), -1 in a column of 1 and -1, and 1 in a
+    column of 0 and 1. Blank cells are unknown, and so is -1 beside words or a 0 (ASCOM's numbers).
+    A 1 without a 0 may be ASCOM's west too: it is taken so if the counterweight is then down in
+    more rows. A row of unknown side gets its side from the hour angle if the others follow a rule.
+    Otherwise it is excluded.
 
     Parameters
     ----------
     path : Path
         For messages.
     table : Table
-        Gets notes, and reasons of rows that are left out.
+        Gets notes, and reasons of excluded rows.
     side : ndarray, shape (n,)
         Cells: text or numbers.
     hour_angle : ndarray, shape (n,)
@@ -100,7 +103,7 @@ def through_the_pole(path, table, side, hour_angle):
     Raises
     ------
     ValueError
-        Other cells, or no side in any row.
+        The column has other cells, or no row has a known side.
     """
     seen = (table.reasons == 0) & np.isfinite(hour_angle)
     values, note = sides_of(path, side.tolist(), hour_angle, seen)
@@ -130,7 +133,7 @@ def through_the_pole(path, table, side, hour_angle):
 
 
 def note_counterweight(table, beyond, hour_angle, text=_COUNTERWEIGHT):
-    """Say it, where the counterweight is up in every row; by default of readings.
+    """Add a note if the counterweight is up in every row.
 
     Parameters
     ----------
@@ -141,6 +144,7 @@ def note_counterweight(table, beyond, hour_angle, text=_COUNTERWEIGHT):
     hour_angle : ndarray, shape (n,)
         Of the stars, radians.
     text : str
+        The note; by default for sides from readings.
     """
     sound = (table.reasons == 0) & np.isfinite(hour_angle)
     with np.errstate(invalid='ignore'):
@@ -150,7 +154,7 @@ def note_counterweight(table, beyond, hour_angle, text=_COUNTERWEIGHT):
 
 
 def sides_of(path, cells, hour_angle, sound):
-    """Sides of the pier by their cells.
+    """Pier sides from the cells of their column.
 
     Parameters
     ----------
@@ -161,18 +165,18 @@ def sides_of(path, cells, hour_angle, sound):
     hour_angle : ndarray, shape (n,)
         Of the stars, radians, west positive.
     sound : ndarray of bool, shape (n,)
-        Rows by which it is told what a 1 without a 0 means.
+        Rows used to decide what a 1 without a 0 means.
 
     Returns
     -------
     values : ndarray, shape (n,)
-        1: through the pole, 0: not; NaN: unknown.
+        1: through the pole, 0: not, NaN: unknown.
     notes : list of str
 
     Raises
     ------
     ValueError
-        Other cells than those of `through_the_pole`.
+        Cells other than those of `through_the_pole`.
     """
     cells = [str(v).strip().lower().removeprefix('pier').lstrip(' _') for v in cells]
     reads = _readings(set(cells))
@@ -194,7 +198,7 @@ def sides_of(path, cells, hour_angle, sound):
 
 
 def _readings(cells):
-    """Cell -> 1.0 through the pole, 0.0 not, NaN unknown, in each way that they may be meant."""
+    """Possible meanings of the cells, each a dict: 1.0 through the pole, 0.0 not, NaN unknown."""
     out = {cell: np.nan for cell in cells if cell in _UNKNOWN}
     rest = cells - set(out)
     words = {cell: float(cell[0] == 'w') for cell in rest if cell in ('east', 'west', 'e', 'w')}
@@ -213,10 +217,10 @@ def _readings(cells):
 
 
 def _place_unknown(table, known, sound, beyond, down, hour_angle):
-    """Rows of an unknown side by the rule of the others; `beyond` is changed in place.
+    """Set the side of rows where it is unknown by the rule of the others; changes `beyond`.
 
-    Mounts that keep their counterweight down, or all up, are on a side by the hour angle, but for
-    stars as near the meridian as those against the rule.
+    If the counterweight is always down (or always up), the hour angle gives the side. It does not
+    for stars as near the meridian as those that violate the rule.
     """
     up = not down[sound].mean() >= 0.5
     against = sound & (down == up)

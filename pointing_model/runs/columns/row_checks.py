@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rows of a file that make no sound run: radians, no numbers, beyond the sky, copies."""
+"""Checks that exclude bad rows: radians, missing numbers, impossible elevations, copies."""
 
 import numpy as np
 
@@ -25,40 +25,41 @@ from pointing_model.sky.refraction import AIR
 from .column_names import is_cause
 from .run_table import SPECIAL
 
-#: observed elevations outside are no observation (90.1: a star past the zenith)
+#: degrees: rows with observed elevations outside are excluded (90.1: a star past the zenith)
 ELEVATION_LIMITS = (-5.0, 90.1)
 _SIGMAS = {'sigma_x', 'sigma_y'}
 PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
-_TURNS = 10  # an angle beyond is no angle in degrees
+_TURNS = 10  # a larger number is not an angle in degrees
 _TURN = 2.0 * np.pi
 _QUARTER = ELEVATION_LIMITS[1] * DEG
 _AIR = {'temperature': AIR['temperature_c'], 'pressure': AIR['pressure_hpa']}
 _KELVIN = (230.0, 330.0)
-#: what programs and sensors write where nothing was measured, beside nines, and of how many other
-#: values a column of measurements has
+#: fill values that programs and sensors write for "not measured", besides nines; and the least
+#: number of other values in a column of measurements
 _FILL, _MEASURED = (0.0, -1.0, 85.0, -127.0, 32767.0, -32768.0, 65535.0), 5
-_NEARBY = 3600.0  # s: the air hardly changes between rows that are this near
-#: ends the note on a column of which nothing is used
+_NEARBY = 3600.0  # s: within this time the air hardly changes
+#: end of the note on a column that is not used at all
 WHOLE = 'the whole column is taken as not measured'
-_WRITTEN = 20_000  # rows that are kept as they were written
-_NAMED = 5  # rows whose copies are listed by the line of each
+_WRITTEN = 20_000  # rows kept as the file has them
+_NAMED = 5  # for up to this many rows that have copies, each copy is listed with its line
 _LARGEST = 1e50  # squares and their sums stay finite
-#: deg/s from star to star, exposure and all: no mount is faster; at most what is usual
+#: deg/s from star to star, including the exposure: no mount is faster than the first; a unit of
+#: time is suggested if it brings the speed below the second
 _FASTEST, _USUAL = 10.0, 3.0
-_FAR, _MOVES = 5.0 * DEG, 5  # moves that tell, and of how many
+_FAR, _MOVES = 5.0 * DEG, 5  # smallest move that counts, and number of such moves needed
 _CLOCKS = ('minutes', 60.0), ('hours', 3600.0)
-#: beginnings and ends of the reasons for which a row is left out for the place it names
+#: beginnings and ends of the reasons for excluding a row because of its place
 _NO_PLACE = ('elevation outside', 'all angles below'), (f'beyond {_TURNS} turns',)
 
 
 class NoUsableRow(ValueError):
-    """A file whose rows are all left out.
+    """Every row of a file is excluded.
 
     Parameters
     ----------
     text : str
     run : PointingRun, optional
-        Without a row; ``meta['as_written']`` has the places that were left out.
+        Without rows; ``meta['as_written']`` has the excluded places.
     """
 
     def __init__(self, text, run=None):
@@ -67,13 +68,13 @@ class NoUsableRow(ValueError):
 
 
 def refuse_radians(path, table):
-    """Refuse angles that look like radians; leave out single rows that do.
+    """Refuse columns of angles that look like radians; exclude single rows that do.
 
     Raises
     ------
     ValueError
         A pair of columns or the elevations stay within the range of radians, or azimuths do and
-        the readings say so too: see `_azimuth_in_radians`.
+        the readings confirm it, see `_azimuth_in_radians`.
     """
     columns, small = table.columns, []
     sound, altazimuth = table.reasons == 0, table.names is ALTAZ.names
@@ -104,9 +105,9 @@ def refuse_radians(path, table):
 
 
 def _are_offsets(columns, pair, used):
-    """Whether a pair of readings is far from the catalogue's places in radians too.
+    """Whether a pair of reading columns holds small offsets and not radians.
 
-    Small offsets in place of readings are no radians: these would follow the elevation.
+    Radians would vary with the elevation of the catalogue places; offsets do not.
     """
     if pair == PAIRS[0] or not set(PAIRS[0]) <= set(columns):
         return False
@@ -120,15 +121,15 @@ def _are_offsets(columns, pair, used):
 
     def scatter(v):
         return np.median(np.abs(v - np.median(v)))
-    with np.errstate(over='ignore', invalid='ignore'):  # a spoiled file has any number
+    with np.errstate(over='ignore', invalid='ignore'):  # a damaged file may hold any number
         return bool(scatter(reading / DEG - place) > 0.3 * scatter(place))
 
 
 def _azimuth_in_radians(columns, pair, used):
-    """Whether offsets in azimuth are far too small, or far too large, for degrees.
+    """Whether the scatter of the azimuth offsets shows that the azimuths are in radians.
 
-    Their scatter is that of the offsets in elevation, give or take a few: in radians it reads 57
-    times smaller. Beside azimuths in degrees it is that of the sky.
+    In degrees it is similar to the scatter of the elevation offsets. If both azimuth columns are in
+    radians it is 57 times smaller; if only one is, it is as large as the sky.
     """
     other = PAIRS[1] if pair == PAIRS[0] else PAIRS[0]
     if pair == PAIRS[0] and not set(other) <= set(columns):
@@ -151,7 +152,7 @@ def _radians(path, table, pair, largest):
 
 
 def to_si(columns):
-    """Columns of a file to radians and what else `COLUMNS` says, in place."""
+    """Convert columns from the units of the file to SI (`COLUMNS`), in place."""
     for name, values in columns.items():
         unit = COLUMNS[name][1] if name in COLUMNS else SPECIAL.get(name, 1.0)
         if unit != 1.0:
@@ -159,13 +160,13 @@ def to_si(columns):
 
 
 def note_hasty_clock(table):
-    """A note where the mount would turn faster than any: the times are in another unit."""
+    """Add a note if the mount would move faster than any mount: the times have another unit."""
     time = table.columns.get('time')
     if time is None:
         return
     place = unit_vector(table.columns['az'], table.columns['el'])
     rows = np.flatnonzero((table.reasons == 0) & np.isfinite(time) & np.isfinite(place).all(axis=0))
-    run = table.columns.get('run', np.zeros(len(time)))  # each may have a clock that begins anew
+    run = table.columns.get('run', np.zeros(len(time)))  # the clock may restart in each run
     rows = rows[np.lexsort((time[rows], run[rows]))]
     seconds, chord = np.diff(time[rows]), np.diff(place[:, rows])
     moved = 2.0 * np.arcsin(np.minimum(np.sqrt(np.square(chord).sum(axis=0)) / 2.0, 1.0))
@@ -178,12 +179,12 @@ def note_hasty_clock(table):
             f'seconds are expected: is this {unit}?')
 
 
-#: why a row without a star is none of those read
+#: reason for excluding a row that is only a temperature record
 LOG_OF_AIR = 'a row of the log of temperatures, without a star'
 
 
 def flag_numbers(table):
-    """Leave out rows with a number that is missing where it is needed, infinite or no angle."""
+    """Exclude rows with a required number missing, an infinite number or an impossible angle."""
     _take_log(table)
     needed = set(REQUIRED) | set(SPECIAL)
     if 'ra_deg' in table.columns or ('ra_enc_deg' in table.columns
@@ -204,7 +205,7 @@ def flag_numbers(table):
 
 
 def _take_log(table):
-    """Rows with time and temperature and no angle at all are a log: what was before the run."""
+    """Move rows with time and temperature but no angles to ``meta['temperature_log']``."""
     columns = table.columns
     angles = [columns[name] for name in sum(PAIRS, ()) if name in columns]
     if 'temperature' not in columns or 'time' not in columns or not angles:
@@ -217,9 +218,9 @@ def _take_log(table):
 
 
 def blank_absurd(table):
-    """Numbers that cannot have been measured count as missing; the notes say how many.
+    """Treat numbers that cannot have been measured as missing; notes give their number.
 
-    Where a number is needed, its row is left out.
+    If the number is required, its row is excluded.
     """
     for name, values in list(table.columns.items()):
         if values.dtype.kind != 'f' or name in (*REQUIRED, 'time', 'run', 'star', 'block'):
@@ -252,10 +253,10 @@ def blank_absurd(table):
 
 
 def _fill(table, name, values):
-    """Rows with a number that stands for none, and that in words.
+    """Rows with a fill value, and a text that describes it.
 
-    It is farther from the others than these are apart, and all nines (-99, 999.9) or one of `_FILL`
-    that comes again beside measurements.
+    A fill value is farther from the other values than their range. It is all nines (-99, 999.9), or
+    it is one of `_FILL` and occurs more than once beside measurements.
     """
     sound = (table.reasons == 0) & np.isfinite(values)
     there = np.unique(values[sound])
@@ -271,10 +272,10 @@ def _fill(table, name, values):
 
 
 def bridge_gaps(table):
-    """Air, and columns that are causes, in rows without, from those measured nearby in time.
+    """Interpolate missing air values and causes from values measured nearby in time.
 
-    Else the refraction would be that of other air there, and what follows the cause be zero. What
-    the file declares for all rows is kept.
+    Otherwise refraction would be computed for different air there, and effects of the cause would
+    be zero. Values that the file declares for all rows are kept.
     """
     columns, declared = table.columns, table.meta.get('weather') or {}
     time = columns.get('time', np.full(len(table.lines), np.nan))
@@ -287,7 +288,7 @@ def bridge_gaps(table):
         at, measured = (v[known[np.argsort(time[known], kind='stable')]] for v in (time, values))
         rows = np.flatnonzero(np.isnan(values) & np.isfinite(time))
         if not len(known) or name not in _AIR and len(np.unique(measured)) < _MEASURED:
-            continue  # a filter, a side: nothing is in between
+            continue  # such as a filter or a side: cannot be interpolated
         after = np.searchsorted(at, time[rows])
         beside = at[[np.maximum(after - 1, 0), np.minimum(after, len(at) - 1)]]
         rows = rows[np.abs(time[rows] - beside).min(axis=0) <= _NEARBY]
@@ -299,7 +300,7 @@ def bridge_gaps(table):
 
 
 def flag_rows(table, mount):
-    """Leave out rows below or beyond the sky, and copies of an earlier row."""
+    """Exclude rows with impossible elevations, and copies of an earlier row."""
     low, high = ELEVATION_LIMITS
     el = table.columns['el']  # of an alt-azimuth mount as written
     if not mount.vertical:
@@ -319,12 +320,12 @@ def flag_rows(table, mount):
 
 
 def _as_written(table):
-    """``meta['as_written']``: what a check of the columns is made on, some rows of very many.
+    """``meta['as_written']``: rows for the check of the columns, a subset if there are many.
 
-    Places and readings as the file has them, before rows are placed beyond the pole: what a column
-    is not, such a place is not either. ``line``; ``misplaced``: rows that are left out for their
-    place; ``beyond``: rows that a column ``pier_side`` places there; ``misplaced_rows``: how many
-    there are in all.
+    Places and readings are those of the file, before rows are placed beyond the pole, since a
+    mistaken column would be mistaken there too. ``line``: line in the file. ``misplaced``: rows
+    excluded for their place. ``beyond``: rows that ``pier_side`` puts through the pole.
+    ``misplaced_rows``: total number of misplaced rows.
     """
     begins, ends = _NO_PLACE
     misplaced = np.zeros(len(table.lines), bool)
@@ -343,9 +344,9 @@ def _as_written(table):
 
 
 def finish(path, table):
-    """Masks the rows that are left out; ``meta['excluded']`` lists them all.
+    """Remove the excluded rows; ``meta['excluded']`` lists them all.
 
-    ``meta['as_written']`` has places and readings for the check of the columns.
+    Also sets ``meta['as_written']``, see `_as_written`.
 
     Returns
     -------
@@ -355,7 +356,7 @@ def finish(path, table):
     Raises
     ------
     NoUsableRow
-        None is left.
+        No row is left.
     """
     table.meta['as_written'] = _as_written(table)
     keep = table.reasons == 0

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the readers of pointing runs hand over."""
+"""`RunTable`, the result of the readers of pointing runs, and functions that they share."""
 
 import re
 from collections.abc import Callable
@@ -28,11 +28,11 @@ from pointing_model.runs.run import COLUMNS, column_name
 
 from .cell_values import Exclusions
 
-#: what a file may give in place of `az, el` and of the encoder's angles, and its unit in SI;
-#: kept under the file's name, which no column of the user's own can have
+#: columns that a file may have in place of `az, el` and the encoder angles, and their units in SI;
+#: they keep the file's name, which is reserved
 SPECIAL = {'ra_deg': DEG, 'dec_deg': DEG, 'ra_enc_deg': DEG, 'x_arcsec': ARCSEC,
            'y_arcsec': ARCSEC, 'lst_given': DEG}
-#: what a diagnosis makes itself: see `pointing_model.context.Context`
+#: names that a diagnosis computes itself: see `pointing_model.context.Context`
 DERIVED = frozenset((
     'azimuth', 'elevation', 'row', 'ra', 'dec', 'lst', 'order', 'pm_x', 'pm_y', 'reading_az',
     'reading_el', 'unwrapped_az', 'unwrapped_el', 'travel_az', 'travel_el', 'slew_az', 'slew_el',
@@ -42,7 +42,7 @@ _HOURS_OF_A_DAY = 24.0
 _RADIANS = 6.3  # a little more than a turn
 
 
-#: how files begin that are none of text, and what they are
+#: first bytes of files that are not text, and what they are
 _BINARY = {b'\x89MCAP': 'an MCAP log', b'PAR1': 'a Parquet file', b'SIMPLE  =': 'a FITS file',
            b'\x89HDF': 'an HDF5 file', b'\x1f\x8b': 'compressed (gzip)',
            b'PK\x03\x04': 'a workbook of a spreadsheet or an archive',
@@ -50,28 +50,30 @@ _BINARY = {b'\x89MCAP': 'an MCAP log', b'PAR1': 'a Parquet file', b'SIMPLE  =': 
 
 
 class NoObservations(ValueError):
-    """A sound file that holds no row."""
+    """A valid file without rows."""
 
 
-#: of a file that names its columns
+#: `RunFormat.taken` of formats with column names
 AS_NAMED = 'the columns were taken as the file names them'
 
 
 class RunFormat(NamedTuple):
-    """A format of run files, which a module of this package declares as `FORMAT`.
+    """A format of run files; each module of `runs.formats` declares one as `FORMAT`.
 
     Attributes
     ----------
     wording : str
-        What such a file is, for people.
+        Name of the format, for people.
     looks_like : callable
-        Whether lines are of it.
+        Returns whether the lines of a file have this format.
     read : callable
-        `RunTable` of path and lines; with `of_encoder` also of which encoder is wanted.
+        Returns the `RunTable` of a path and its lines.
     taken : str
-        What was taken for the catalogue and for the mount, for people.
+        Which columns were taken as catalogue and as mount, for people.
     rank : int
-        Formats of lower rank are tried first: 0 for what a log or program writes, and no other.
+        Formats of lower rank are tried first: 0 for files that only one log or program writes.
+    of_encoder : bool
+        Whether `read` has a third argument, the encoder that is wanted.
     """
 
     wording: str
@@ -84,25 +86,25 @@ class RunFormat(NamedTuple):
 
 @dataclass
 class RunTable(Exclusions):
-    """A run as it is in the file: every row, in the file's units and azimuth.
+    """A run as in the file: every row, in the file's units and sense of azimuth.
 
     Parameters
     ----------
     columns : dict of str to ndarray, shape (n,)
-        By the names of `pointing_model.runs.run.COLUMNS` and `SPECIAL`; others are drivers.
+        Keys are the names of `pointing_model.runs.run.COLUMNS` and `SPECIAL`; others are drivers.
     lines : ndarray of int, shape (n,)
         Line of the file that each row begins on, from 1.
     meta : dict
-        ``format``, ``notes`` and what else the file gives.
+        ``format``, ``notes`` and other data of the file.
     reasons : ndarray of object, shape (n,), optional
-        Why a row is left out, 0 where it is not.
+        Why a row is excluded, 0 if it is not.
     commented : list of int
-        Lines that hold an observation behind a comment sign.
+        Lines with an observation that is commented out.
     names : MountKind
-        Of the axes, in the names of its columns.
+        Names of the axes in the file's columns.
     written : dict of str to ndarray, shape (n,)
-        Angles of the axes as they are in the file where `columns` has them on their side of the
-        pole; ``beyond``: whether a column of the side of the pier places the row beyond it.
+        Axis angles as in the file, if those of `columns` were placed beyond the pole or zenith;
+        ``beyond``: whether the column ``pier_side`` puts the row through the pole.
     """
 
     columns: dict
@@ -128,7 +130,7 @@ def read_lines(path):
     Raises
     ------
     ValueError
-        A folder, an MCAP log, empty, or binary.
+        The path is a folder, or the file is an MCAP log, empty or binary.
     OSError
         The file cannot be read.
     """
@@ -138,7 +140,7 @@ def read_lines(path):
 
 
 def lines_of(path, data):
-    """Lines of the bytes of a text file, as `read_lines`; `path` for messages."""
+    """Lines of a text file from its bytes, see `read_lines`; `path` is for messages."""
     for begin, what in _BINARY.items():
         if data.startswith(begin):
             raise ValueError(f'{path} is {what}: save its table as CSV and give that')
@@ -158,7 +160,7 @@ def lines_of(path, data):
         text = data.decode('latin-1')
     # str.splitlines would also break at form feeds and Unicode separators
     lines = re.split(r'\r\n|\n|\r', text.replace('\x1a', ''))
-    if re.fullmatch(r'"?sep=[,;\t]"?', lines[0].strip(' ')):  # for one program of spreadsheets
+    if re.fullmatch(r'"?sep=[,;\t]"?', lines[0].strip(' ')):  # Excel's separator line
         lines[0] = ''
     return lines
 
@@ -170,7 +172,7 @@ def content(lines, comment='#'):
 
 
 def own_name(name, taken, notes):
-    """Name under which a column of the user's own is kept.
+    """Name under which a user's column is kept.
 
     Parameters
     ----------
@@ -179,7 +181,7 @@ def own_name(name, taken, notes):
     taken : collection of str
         All names in the file.
     notes : list of str
-        Told here if another name is needed.
+        Gets a note if the column is renamed.
 
     Returns
     -------
@@ -195,7 +197,7 @@ def own_name(name, taken, notes):
 
 
 def numbered_runs(names, notes):
-    """Numbers of runs that have names, counted in the order they appear; a note says which."""
+    """Number named runs in order of appearance; a note lists the numbers."""
     numbers = {name: i for i, name in enumerate(dict.fromkeys(names), 1)}
     notes.append('runs are numbered: ' + ', '.join(
         f'{i} {name[:40]!r}' for name, i in numbers.items()))
@@ -203,7 +205,7 @@ def numbered_runs(names, notes):
 
 
 def sidereal_name(values, taken, notes):
-    """Name under which a column ``lst`` is kept, by its unit.
+    """Name under which a column ``lst`` is kept, from its unit (hours or radians).
 
     Parameters
     ----------
@@ -211,7 +213,7 @@ def sidereal_name(values, taken, notes):
     taken : collection of str
         All names in the file.
     notes : list of str
-        Told here what was taken for what.
+        Gets a note on the choice.
 
     Returns
     -------

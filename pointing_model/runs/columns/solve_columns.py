@@ -12,29 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What solutions of images bring beside their places: sigma and scale."""
+"""Columns of plate solutions besides their places: sigma and scale."""
 
 import numpy as np
 
 from pointing_model.sky.places import icrs_to_observed
 
-#: part by which the scale of a solution may differ from the others'
+#: fraction by which the scale of a solution may differ from the others'
 _SCALE = 0.03
-_LIKE = 0.005  # of scales of one other camera, or binning
+_LIKE = 0.005  # the same for the scales of one other camera or binning
 _HOURS = 24.0
 _FEW = 8
 SCALE, PARITY, SIGMA = 'scale_arcsec_px', 'parity', 'sigma_arcsec'
 
 
 def are_images(table):
-    """Whether the places are solutions of images: they have a sigma or their own scale."""
+    """Whether the places are plate solutions: they have a sigma or a scale."""
     return bool(table.meta.get('solver_sigma') or table.meta.get('from_images'))
 
 
 def take_sigma(table):
-    """`sigma_x`, `sigma_y` (arcsec) of a plate-solved table from its column ``sigma_arcsec``.
+    """Set `sigma_x`, `sigma_y` (arcsec) of a plate-solved table from ``sigma_arcsec``, in place.
 
-    A solution without one gets the median of the others. In place.
+    A solution without a sigma gets the median of the others.
     """
     columns, notes = table.columns, table.meta['notes']
     if 'ra_deg' not in columns or SIGMA not in columns:
@@ -59,7 +59,7 @@ def take_sigma(table):
 
 
 def flag_scales(table):
-    """Leave out solutions whose image scale or parity is not that of the others."""
+    """Exclude solutions whose image scale or parity differs from that of the others."""
     columns, notes = table.columns, table.meta['notes']
     if 'ra_deg' not in columns:
         return
@@ -99,18 +99,18 @@ def flag_scales(table):
 
 
 def may_be_hours(degrees):
-    """Whether right ascensions, shape (n,), are many, and all from 0 to 24."""
+    """Whether right ascensions, shape (n,), may be hours: at least `_FEW`, all from 0 to 24."""
     return len(degrees) >= _FEW and degrees.min() >= 0.0 and degrees.max() <= _HOURS
 
 
 def refuse_hours(path, ra, dec, time, site):
-    """Refuse right ascensions that are hours: so they are above the horizon, as degrees not.
+    """Refuse right ascensions in hours: as hours they are above the horizon, as degrees not.
 
     Parameters
     ----------
     path : Path
     ra, dec, time : ndarray, shape (n,)
-        ICRS by what the file says, radians; UTC. Finite.
+        ICRS with the frame of the file, radians; UTC, seconds since 1970. Finite.
     site : Site
 
     Raises
@@ -134,7 +134,7 @@ def one_mount(table, name, cells):
     Raises
     ------
     ValueError
-        With the first row of another mount.
+        It does; it names the first row of another mount.
     """
     first = next((cell for cell in cells if cell), '')
     for line, cell in zip(table.lines, cells):
