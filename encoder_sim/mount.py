@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The simulated mount's drives: axes, the servo that closes on the encoder, and homing."""
+"""The drives of the simulated mount: axes, the servo that closes on the encoder, and homing."""
 
 import math
 from collections import OrderedDict
@@ -26,46 +26,45 @@ from .axis_motion import MountAxes, Trajectory
 from .drives import Drives
 from .wind_gusts import WindLoad
 
-#: homing begins at least that far before the reference marks, and passes them for that long
+#: least distance before the reference marks at which homing starts, and s for passing them
 HOME_RUN_UP, HOME_SPAN = 0.5 * DEG, 4.0
-#: a mark that was not noticed is passed again, so many times slower, in all so often
+#: a mark that was not detected is passed again, slower by this factor, in so many attempts
 HOME_SLOWER, HOME_ATTEMPTS = 4.0, 3
-#: time constant with which the servo takes up an error of the encoder, s
+#: time constant with which the servo corrects an encoder error, s
 SERVO_TIME = 0.2
-#: samples that may be under way to the encoder and back
+#: most samples whose readings may still be awaited
 SENT = 10000
-#: of slow ones so many at least, and as long as they are that young, ns
+#: for low rates: least number of samples kept, and age up to which they are kept, ns
 SENT_SLOWLY, SENT_NS = 200, 60_000_000_000
 STILL = [[0.0, 0.0]]
-#: the servo says that it has settled at its next cycle, s, or at one that is past by 10 us at most
+#: period of the servo, s, which settles at a cycle (rounding down by up to 10 us)
 CYCLE = 0.1
-#: true angles a second that an exposure needs where an axis does not move smoothly, Hz
+#: true angles per second that an exposure needs if an axis does not move smoothly, Hz
 RESTLESS_RATE = 10.0
 
 
 def on_cycle(seconds):
-    """The next cycle of the servo: a slew that takes a microsecond longer ends at the same one."""
+    """The next cycle of the servo, the same for slews that differ by a microsecond."""
     return math.ceil(seconds / CYCLE - 1e-4) * CYCLE
 
 
 class SimulatedMount:
-    """Both drives of a mount, whose servo makes the incremental encoder read the demand.
+    """The drives of a mount, whose servo makes the incremental encoder read the demand.
 
-    What the servo does not take up, because it lags, the axis sticks or the wind blows, the encoder
-    reads as it is.
+    The encoder measures what the servo does not correct: lag, sticking and wind.
 
-    Times are seconds since the start of the night, when the axes stand still, a little before
+    Times are seconds since the start of the night, when the axes are at rest, a little before
     their reference marks.
 
     Parameters
     ----------
     scenario : scenario.Scenario
     seed : int
-        Of gusts and slips.
+        Seed of gusts and slips.
     latitude : float
-        Where it stands if the scenario does not say, rad.
+        Latitude if the scenario has none, rad.
     hair : float
-        Moves that are no longer leave the side from which an axis came, rad.
+        Shorter moves do not change the direction from which an axis came, rad.
     """
 
     def __init__(self, scenario, seed=0, latitude=DEFAULT_SITE.latitude, hair=0.0):
@@ -80,24 +79,24 @@ class SimulatedMount:
         self._drives = Drives(scenario.drives, seed)
         self._wind = WindLoad(scenario.wind, seed, scenario.mount.at(
             latitude if scenario.site is None else scenario.site.latitude))
-        # what the encoder reads too much; the servo turns the axes back by it
+        # error of the encoder (reading - angle), by which the servo turns the axes back
         self.servo = np.zeros(2)
         self._servo_time = None
-        # true angles by time in ns, until their readings come back
+        # true angles by time in ns, kept until their readings arrive
         self._sent = OrderedDict()
 
     def follow(self, start, times, positions, velocities):
-        """Carry out a track of encoder demands from `start` on.
+        """Execute a track of encoder demands from `start` on.
 
         Returns
         -------
         float
-            When both axes follow it, settled, at a cycle of the servo.
+            Time at which both axes have settled on it, at a cycle of the servo.
 
         Raises
         ------
         ValueError
-            Outside the travel, or faster than an axis.
+            Outside the travel, or too fast for an axis.
         """
         return on_cycle(self._axes.follow(max(start, self._axes.leg.start),
                                          Trajectory(times, positions, velocities)))
@@ -116,30 +115,30 @@ class SimulatedMount:
 
     @property
     def sample_rate(self):
-        """Samples a second that show how the axes move while a star is exposed, Hz; 0: any."""
+        """Samples per second needed to show the motion in an exposure, Hz; 0: any."""
         return RESTLESS_RATE if self._drives.stick or self._wind.turns else 0.0
 
     def approach(self, times):
-        """Side from which each axis came, shape (n, 2): -1, 0, 1."""
+        """Direction from which each axis came, shape (n, 2): -1, 0, 1."""
         return self._axes.approach(times)
 
     def feedback(self, stamp, reading, smooth):
-        """Take an encoder reading into the servo.
+        """Pass an encoder reading to the servo.
 
         Parameters
         ----------
         stamp : int
-            Of the reading, ns: one of the times of `truth`, to the last digit, which seconds do
-            not have after some weeks.
+            Stamp of the reading, ns: exactly one of the times of `truth`; seconds as floats are not
+            precise enough after some weeks.
         reading : array_like, shape (2,)
-            rad; NaN (not homed) leaves the servo as it is.
+            rad; NaN (not homed) does not change the servo.
         smooth : bool
-            Take the error up gradually, as a servo in motion does, or at once.
+            Correct the error gradually, like a servo in motion, or at once.
         """
         reading = np.asarray(reading, dtype=float)
         sent = self._sent.get(stamp)
-        # against the angle that was read, not the present one: a late reading would make the
-        # servo swing
+        # compare with the angle at the time of the reading: with the present one, a late reading
+        # would make the servo oscillate
         if sent is None or not np.isfinite(reading).all():
             return
         error = wrap(reading - sent) - self.servo
@@ -152,25 +151,25 @@ class SimulatedMount:
         self.servo = self.servo + share * error
 
     def home(self, start, attempt=0):
-        """Pass both reference marks, from the side that the scenario says, and stop behind them.
+        """Pass both reference marks from the scenario's side, and stop behind them.
 
         Parameters
         ----------
         start : float
-            Now.
+            Current time, s.
         attempt : int
-            0, 1, ... below `HOME_ATTEMPTS`: each is `HOME_SLOWER` times slower.
+            0, 1, ... below `HOME_ATTEMPTS`: each is slower by `HOME_SLOWER`.
 
         Returns
         -------
         first, last : float
-            Times between which the marks are passed at a constant rate; from `last` on the axes
-            brake, and a second later they stand still or come back to rest.
+            Times between which the marks are passed at a constant rate; after `last` the axes
+            brake, and a second later they are at rest or return.
 
         Raises
         ------
         ValueError
-            An axis cannot be that fast, or its travel ends there.
+            An axis cannot move so fast, or its travel ends there.
         """
         start = max(start, self._axes.leg.start)
         self.servo = np.zeros(2)
@@ -178,7 +177,7 @@ class SimulatedMount:
         span = max(HOME_SPAN, 2.0 * HOME_RUN_UP / np.abs(rate).min())
         before, behind = self._marks - 0.5 * span * rate, self._marks + 0.5 * span * rate
         first = start
-        # the slower axis decides when the crossing can begin
+        # the slower axis determines when the crossing can begin
         for _ in range(3):
             settled = self._axes.arrival(
                 start, Trajectory([first, first + span], [before, behind], [rate, rate]))
@@ -191,19 +190,19 @@ class SimulatedMount:
         return first, last
 
     def home_failure(self, reading, attempt=0):
-        """Why homing did not succeed.
+        """Why homing failed.
 
         Parameters
         ----------
         reading : array_like, shape (2,)
-            Of the incremental encoders after `home`, rad; NaN where the mark was not met.
+            Readings of the incremental encoders after `home`, rad; NaN if a mark was not detected.
         attempt : int
-            The last one.
+            The last attempt.
 
         Returns
         -------
         str
-            One line, or '' where both axes are homed.
+            One line, or '' if both axes are homed.
         """
         rates = self._home_rate / HOME_SLOWER**attempt / DEG
         unmet = [f'{axis} (at {rate:.3g} deg/s)'

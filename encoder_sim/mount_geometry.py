@@ -18,12 +18,13 @@ No pointing term is used here. Each error is a small rotation of a part, applied
 which the parts carry each other: ground, first axis, bearing, second axis, tube, camera, and
 gravity on the tube.
 
-The frame of the ground is east, north, up (ENU). The axes turn in their own frame, whose
-third axis is the pole of the first one; of an alt-azimuth mount it is that of the ground, of any
-other `pointing_model.mounts` says how it stands there. The frame of the tube is right, forward, up:
-at angles 0 and 0 of a perfect mount it is that of the axes. The tube's right is then the direction
-of rising azimuth, its up that of rising elevation; through the pole both stay with the tube, and
-are reversed on the sky. Gravity pulls along the vertical of the ground, whatever the mount.
+The frame of the ground is east, north, up (ENU). The axes turn in a frame whose third axis is the
+pole of the first axis; for an alt-azimuth mount this is the frame of the ground, for others
+`pointing_model.mounts` gives its orientation. The frame of the tube is right, forward, up: at
+angles 0 and 0 of a perfect mount it equals the frame of the axes. The tube's right is then the
+direction of increasing azimuth, its up that of increasing elevation; through the pole both stay
+with the tube, and are reversed on the sky. Gravity acts along the vertical of the ground for all
+mounts.
 """
 
 from dataclasses import dataclass
@@ -45,34 +46,34 @@ _FREE, _STIFF, _FIRM = Cables(), Focuser(), Secondary()
 
 @dataclass(frozen=True)
 class MountErrors:
-    """Geometry of the mount, in the signs of the field: encoder - catalogue.
+    """Geometry of the mount, with the signs of its field: encoder - catalogue.
 
-    The terms are those of an alt-azimuth mount, in the frame of the axes: of another mount they
-    are the same rotations, and the file has its names for them (IH ID CH NP MA ME TF; `aw` is
-    -MA). So are `azimuth` and `elevation` the first and the second axis.
+    The terms are those of an alt-azimuth mount, in the frame of the axes: for other mounts they
+    are the same rotations, with the file's own names (IH ID CH NP MA ME TF; `aw` is -MA).
+    Likewise `azimuth` and `elevation` are the first and the second axis.
 
     Attributes
     ----------
     kind : str
-        As `mounts.parse_mount` takes it: altaz, equatorial, german, xy, free:AZ,EL[,ROLL]. How an
-        equatorial one stands the latitude decides at which it is.
+        Kind for `mounts.parse_mount`: altaz, equatorial, german, xy, free:AZ,EL[,ROLL]. The
+        latitude determines the orientation of an equatorial mount.
     ia, ie : float
-        Zero of the axes, rad: the axis angle is larger than the true angle by this.
+        Zero errors of the axes, rad: axis angle - true angle.
     ca : float
-        Collimation: the boresight lies to the left of the tube's axis where it is positive, rad.
+        Collimation error, rad; positive: the boresight lies to the left of the tube's axis.
     npae : float
-        Non-perpendicular axes: the right end of the second axis is high where positive, rad.
+        Non-perpendicularity of the axes, rad; positive: the right end of the second axis is high.
     an, aw : float
-        Lean of the first axis towards angle 0 of the first axis (north, the meridian) and towards
-        -90 degrees (west; the east of an equatorial mount), rad.
+        Tilt of the first axis towards its angle 0 (north, the meridian) and towards -90 degrees
+        (west; the east for an equatorial mount), rad.
     tf : float
         Sag of the horizontal tube, rad.
     wobble : tuple of Wobble
-        Bearing of the first axis.
+        Harmonics of the bearing of the first axis.
     bumps : tuple of Bump
-        Its track.
+        Bumps of its track.
     runouts : tuple of Runout
-        Its bearing, what no turn repeats.
+        Non-repetitive run-out of its bearing.
     yielding : tuple of Yielding
     flop : Flop
     cables : Cables
@@ -81,38 +82,38 @@ class MountErrors:
         The tube creeps back against the drive of the second axis by up to `creep` (rad) as the
         axis turns through `creep_period` (rad), and then snaps back: a sawtooth.
     backlash_azimuth, backlash_elevation : float
-        Play between an axis (with its encoders) and the tube, rad, full width.
+        Play between an axis (with its encoders) and the tube, full width, rad.
     fork_sag : float
-        Slope of the ends of the arms of a fork if they were level, rad. (Equatorial mounts only,
-        as all that follows down to the counterweight.) The arms are cantilevers along the polar
-        axis; across their plane the ends, and the declination bearings in them, turn about the
-        declination axis by that times the pull across the polar axis, cos(latitude) cos(hour
-        angle): FO is -fork_sag cos(latitude) in the north (TPOINT's catalogue: change in
-        declination as cos h). In their plane they are stiff.
+        Slope of the ends of a fork's arms if they were horizontal, rad. (Equatorial mounts only,
+        like everything down to the counterweight.) The arms are cantilevers along the polar axis;
+        across their plane the ends, with the declination bearings, turn about the declination axis
+        by this times the pull across the polar axis, cos(latitude) cos(hour angle): FO is
+        -fork_sag cos(latitude) in the north (TPOINT's catalogue: change in declination as cos h).
+        In their plane they are stiff.
     declination_axis_sag : float
-        Slope of the end of the declination axis that carries the tube if it were level, rad:
+        Slope of the end of the declination axis that carries the tube if it were horizontal, rad:
         F L^2 / (2 E I) of a cantilever (any textbook, such as Timoshenko's Strength of Materials).
-        It turns the tube about the horizontal across the axis, by as much of its weight as
-        pulls across it. The tube is on the left end as it sees it: in the east while it looks at
-        the meridian from there, with the counterweight down; on the other end where negative. So
-        DAF is -declination_axis_sag. (TPOINT's catalogue: the axis of German and cross-axis
+        It turns the tube about the horizontal across the axis, in proportion to the component of
+        its weight across the axis. The tube is on the left end as seen from it: in the east while
+        it looks at the meridian from there, with the counterweight down; negative: on the other
+        end. So DAF is -declination_axis_sag. (TPOINT's catalogue: the axis of German and cross-axis
         mounts bends downward; its DAB has another factor, the sine of the axis' zenith distance.)
     counterweight_west, counterweight_meridian : float
-        Lean of the polar axis towards west and towards the meridian while the counterweight hangs
-        on its west side, and the reverse in the east, rad: MA and ME of two signs. (Users of
-        mounts tell of heads that rock in the oversize holes of their bolts: Astro-Physics' group,
-        2018 and 2020. No measured lean was found.)
+        Tilt of the polar axis to the west and to the meridian while the counterweight is on its
+        west side, and the opposite in the east, rad: MA and ME with two signs. (Users report heads
+        that rock in the oversize holes of their bolts: Astro-Physics' group, 2018 and 2020. No
+        measured tilt was found.)
     counterweight_by : {'play', 'bending', 'flip'}
-        How that goes over: what the mount is out of balance presses the axis to one end of the
-        play in bearings and seat, and to the other where the pull turns over, with the cosine of
-        the hour angle of the axis; or it bends the axis, by as much; or friction holds the axis
-        where it lies until the mount goes through the pole.
+        Transition between the sides. play: the imbalance presses the axis to one end of the play
+        in bearings and seat, and to the other when the pull, proportional to the cosine of the
+        axis' hour angle, changes sign. bending: it bends the axis in proportion to the pull. flip:
+        friction holds the axis until the mount goes through the pole.
     ca_rate, an_rate, aw_rate, tf_rate : float
         Drift with time, rad/s.
     ca_slope, an_slope, aw_slope, tf_slope : float
-        Drift with temperature, rad/degC from `reference_temperature`.
+        Change with temperature, rad/degC from `reference_temperature`.
     behind_air : float
-        Time constant with which the parts that drift so follow the air, s.
+        Time constant with which the parts of these terms follow the air temperature, s.
     secondary : Secondary
     """
 
@@ -158,7 +159,7 @@ class MountErrors:
 
     @property
     def names(self):
-        """What its axes and terms are called: `pointing_model.mount_kinds.MountKind`."""
+        """Names of its axes and terms: `pointing_model.mount_kinds.MountKind`."""
         return self.at().names
 
 
@@ -186,7 +187,7 @@ def _by_vector(vector):
 
 
 def _lean(towards_x, towards_y):
-    """Rotation that leans the third axis towards the first and the second."""
+    """Rotation that tilts the third axis towards the first and the second."""
     towards_x, towards_y = np.broadcast_arrays(towards_x, towards_y)
     return _by_vector(np.stack([-towards_y, towards_x, np.zeros_like(towards_x)], axis=-1))
 
@@ -204,22 +205,22 @@ def azimuth_elevation(vectors):
 
 
 def bent(frames, rotation):
-    """Frames (n, 3, 3) of the tube, as of `MountGeometry.frames`, turned by vectors (n, 3), rad."""
+    """Frames (n, 3, 3) of the tube, see `MountGeometry.frames`, turned by vectors (n, 3), rad."""
     return frames @ np.swapaxes(_by_vector(rotation), -1, -2)
 
 
 class MountGeometry:
-    """The mount's parts and how they are out of true.
+    """The parts of a mount and their misalignments.
 
     Parameters
     ----------
     mount : MountErrors
     start : float
-        Start of the night, UTC s, from which the drifts count.
+        Start of the night, UTC s, the origin of drifts.
     seed : int
-        Of what drifts.
+        Seed of the drifts.
     latitude : float
-        Where the mount stands, rad: of an equatorial one it decides how.
+        Latitude of the mount, rad, for the orientation of an equatorial one.
     """
 
     def __init__(self, mount, start=0.0, seed=0, latitude=DEFAULT_SITE.latitude):
@@ -247,19 +248,19 @@ class MountGeometry:
         Parameters
         ----------
         az, el : ndarray, shape (n,)
-            Mechanical angles of the first and the second axis, rad; run-out counts their turns.
+            Mechanical angles of the first and the second axis, rad; run-out depends on their turns.
         time : float or ndarray, optional
             UTC s, for drifts and slip; without it there is none.
         temperature : float or ndarray, optional
             degC, for drifts with temperature; without it there is none.
         approach_az, approach_el : float or ndarray
-            Sign of the last slew, for the side on which the tube lies within the backlash.
+            Sign of the last slew, which determines the side of the backlash.
 
         Returns
         -------
         ndarray, shape (n, 3, 3)
             Rows are the tube's right, forward (the boresight) and up as ENU unit vectors, so
-            that ``frames @ enu`` are the components seen by the tube.
+            that ``frames @ enu`` are the components seen from the tube.
         """
         mount = self.mount
         az = np.atleast_1d(np.asarray(az, dtype=float))
@@ -267,7 +268,7 @@ class MountGeometry:
         az, el = np.broadcast_arrays(az, el)
         an, aw, ca, tf = (self._drifted(n, time, temperature) for n in ('an', 'aw', 'ca', 'tf'))
 
-        # the axis leads, the tube follows behind the play
+        # the tube lags behind the axis by the play
         turned = az - mount.ia - 0.5 * mount.backlash_azimuth * np.asarray(approach_az)
         raised = el - mount.ie - 0.5 * mount.backlash_elevation * np.asarray(approach_el)
 
@@ -290,7 +291,7 @@ class MountGeometry:
             azimuth = azimuth @ _lean(-left, forward)
         if mount.fork_sag:
             azimuth = azimuth @ self._fork(azimuth)
-        # up of the first axis in its frame is leant towards x (-aw) and y (an): east and north
+        # tilt the pole of the first axis towards x (-aw) and y (an) of its frame: east and north
         carried = _lean(-np.asarray(aw), an) @ azimuth @ _about(FORWARD, -mount.npae)
         tube = carried @ _about(RIGHT, raised) @ _about(UP, ca)
         if self._orientation is not None:
@@ -310,35 +311,35 @@ class MountGeometry:
         return np.swapaxes(tube, -1, -2)
 
     def _counterweight(self, azimuth, raised):
-        """How far it has pushed the first axis over: 1 on the west side, -1 on the east side."""
+        """Effect of the counterweight on the first axis: 1 on the west side, -1 on the east."""
         if self.mount.counterweight_by == 'flip':
             return np.where(np.cos(raised) < 0.0, -1.0, 1.0)
-        pull = azimuth[..., RIGHT, RIGHT]  # its shaft is the tube's right, west the frame's x
+        pull = azimuth[..., RIGHT, RIGHT]  # its shaft points to the tube's right, x to the west
         return np.sign(pull) if self.mount.counterweight_by == 'play' else pull
 
     def _fork(self, azimuth):
-        """The ends of the arms, which carry the second axis, as the fork sees them."""
+        """Rotation of the ends of the arms, which carry the second axis, in the fork's frame."""
         arms = np.array([0.0, 0.0, 1.0 if self._zenith[UP] >= 0.0 else -1.0])
         pull = np.swapaxes(azimuth, -1, -2) @ -self._zenith
-        # right-handed about arms x pull the arms turn towards the pull
+        # a right-handed rotation about arms x pull turns the arms towards the pull
         return _about(RIGHT, self.mount.fork_sag * np.cross(arms, pull)[..., RIGHT])
 
     def _cantilever(self, carried):
-        """The end of the second axis that carries the tube, in ENU."""
+        """Rotation of the end of the second axis that carries the tube, in ENU."""
         return _by_vector(self.mount.declination_axis_sag * np.cross(-carried[..., RIGHT], _DOWN))
 
     @staticmethod
     def _sag(tube, tf):
         """Bending by gravity, proportional to its pull across the tube."""
-        # forward x down: right-handed about it, the boresight turns towards down
+        # forward x down: a right-handed rotation about it turns the boresight down
         return _by_vector(np.asarray(tf)[..., np.newaxis] * np.cross(tube[..., FORWARD], _DOWN))
 
     @staticmethod
     def _aside(tube, right, up):
-        """The line of sight turned to the right of the tube and to its top."""
+        """The tube with its line of sight turned to its right and up."""
         right, up = np.broadcast_arrays(right, up)
         return tube @ _by_vector(np.stack([up, np.zeros_like(up), -right], axis=-1))
 
     def boresight(self, az, el, **where):
-        """Unit ENU vectors (n, 3) of the boresight; parameters as for `frames`."""
+        """Unit ENU vectors (n, 3) of the boresight; parameters as in `frames`."""
         return self.frames(az, el, **where)[:, FORWARD]

@@ -33,14 +33,14 @@ from .device_params import DEVICE_PARAMS, parse_utc
 from .mount import HOME_ATTEMPTS, SimulatedMount
 from .scenario_file import load_scenario, scenario_files
 
-#: change of the air's temperature that the thermometer gives, degC
+#: change of air temperature at which the thermometer publishes, degC
 THERMOMETER_STEP = 0.05
-#: s between two looks at what is waited for, as fast as the graph answers
+#: s between checks of what is awaited, at the full speed of the graph
 LOOK = 0.1
-#: live, s of the wall without a command after which nobody moves the mount, and s to wait for that:
-#: who homes withdraws what was requested, of which the guard's stop is on its way
+#: live: wall time without a command after which the mount counts as unused, and time to wait for
+#: this, s: before homing, requests are withdrawn, and the guard's stop is still on its way
 CALM, CALMS = 0.8, 2.0
-#: a track that is renewed moves no axis by more: the side it came from stays, rad
+#: smaller moves, as of a renewed track, do not change the direction from which an axis came, rad
 HAIR = 0.05 * ARCSEC
 
 PARAMS = (
@@ -59,7 +59,7 @@ PARAMS = (
 
 
 class MountSimulator(ManagedNode):
-    """Follows commanded tracks; simulated time passes as events need it."""
+    """Follows commanded tracks; simulated time advances as events require."""
 
     def __init__(self, **kwargs):
         super().__init__('mount_simulator', PARAMS, hardware_id='simulated mount', **kwargs)
@@ -69,12 +69,12 @@ class MountSimulator(ManagedNode):
                                      self.value('latitude_deg') * DEG,
                                      HAIR if self.value('time_scale') else 0.0)
         self._names = scenario.mount.names.keys
-        # without weather of its own the air is what the observer believes
+        # without its own weather the scenario has that assumed by the observer
         self._air, self._warmth = scenario.weather, None
         self._live = self.value('time_scale') > 0.0
         self._time = 0.0
         self._settling = self._homing = self._calm = None
-        self._commanded = -np.inf  # when a command was taken last, as `_awake`
+        self._commanded = -np.inf  # time of the last command, as `_awake`
         self._open_loop = 0
         self._truth_pub = self.publisher(topics.TRUTH_JOINTS)
         self._clock_pub = self.publisher(topics.CLOCK)
@@ -85,7 +85,7 @@ class MountSimulator(ManagedNode):
         self._feedback_sub = self.subscribe(topics.INCREMENTAL, self._on_feedback)
         self.subscribe(topics.COMMAND, self._on_command)
         self.serve('home', self._home, once=True)
-        # wall time in which an answer would have been heard: others in this process may take long
+        # wall time during which answers could be received: other nodes here may block the process
         self._awake, self._looked = 0.0, time.monotonic()
         if self._live:
             self._began = time.monotonic()
@@ -109,7 +109,7 @@ class MountSimulator(ManagedNode):
             self._settle(settled)
 
     async def _home(self):
-        """Pass the marks; where one was not noticed, again and slower."""
+        """Pass the marks; repeat more slowly if one was not detected."""
         if not self.active:
             return False, self.inactive
         if self._live and not await self._until_calm():
@@ -132,7 +132,7 @@ class MountSimulator(ManagedNode):
         return False, reason
 
     def _until_calm(self):
-        """A future: whether commands have ceased."""
+        """A future for whether commands have stopped."""
         if self._calm is not None:
             return self._calm[0]
         future = Future()
@@ -148,7 +148,7 @@ class MountSimulator(ManagedNode):
             future.set_result(calm)
 
     def _pass_marks(self, first, last):
-        """A future of the first reading after the passage; None where none comes."""
+        """A future for the first reading after the passage; None if there is none."""
         rest = last + 2.0
         future = Future()
         ahead = (rest - self._time) / self.value('time_scale') if self._live else 0.0
@@ -170,8 +170,8 @@ class MountSimulator(ManagedNode):
     # --- as fast as the graph answers ---------------------------------------------------------
 
     def _settle(self, settled):
-        """One reading on target for the servo; the exposure begins when it has come back."""
-        # before the angles, so that it is known when the exposure is answered
+        """Publish one sample on target for the servo; the exposure starts after its reading."""
+        # before the angles, so that the temperature is known when the exposure is answered
         self._read_thermometer(settled)
         stamp = self._publish(np.array([settled]))[0]
         self._settling = (stamp, settled, self._awake + self.value('feedback_timeout_s'))
@@ -196,8 +196,8 @@ class MountSimulator(ManagedNode):
         span = self.value('exposure_s')
         rate = max(self.value('sample_rate_hz'), self._mount.sample_rate)
         samples = max(1, round(span * rate))
-        # the servo's step after the last reading has died out before the shutter opens, and the
-        # gap is longer than an exposure, so that it is none
+        # the servo has settled after the last reading before the shutter opens, and the gap is
+        # longer than an exposure, so it does not count as one
         begin = settled + 1.5 * span
         self._publish(begin + np.linspace(0.0, span, samples + 1))
         self._set_clock(begin + span)
@@ -216,7 +216,7 @@ class MountSimulator(ManagedNode):
         if self._settling and self._awake > self._settling[2]:
             self._expose(closed=False)
         elif not self._settling:
-            # for nodes that came late, and for those that wait for the first time
+            # for nodes that were started late, and for those that wait for the first time stamp
             self._set_clock(self._time)
 
     # --- live ---------------------------------------------------------------------------------
@@ -225,7 +225,7 @@ class MountSimulator(ManagedNode):
         self._look()
         now = (time.monotonic() - self._began) * self.value('time_scale')
         rate = self.value('sample_rate_hz')
-        # a sample belongs to its time: a late timer makes up for those it missed
+        # samples are at fixed times: a late timer makes up for the missed ones
         due = int(now * rate)
         if due > self._sample:
             self._read_thermometer(now)
@@ -262,14 +262,14 @@ class MountSimulator(ManagedNode):
             Clock(clock=convert.to_stamp(self._start + round(self._time * 1e9))))
 
     def deactivated(self):
-        """Stand still where the axes are."""
+        """Stop the axes where they are."""
         if self._live:
             now = (time.monotonic() - self._began) * self.value('time_scale')
             here = self._mount.truth(np.array([now]))[0]
             self._mount.follow(now, np.array([now]), here, np.zeros((1, 2)))
 
     def problems(self):
-        """Pointings without an encoder to close the servo on."""
+        """Number of pointings without an encoder for the servo."""
         if self._open_loop:
             return [(DiagnosticStatus.WARN, f'{self._open_loop} pointings with the servo open: no '
                      'reading of the incremental encoder')]

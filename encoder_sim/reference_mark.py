@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The reference mark of an incremental encoder: where its index pulse lies, and when it is met."""
+"""The reference mark of an incremental encoder: position of its index pulse, and its detection."""
 
 from typing import NamedTuple
 
@@ -21,12 +21,12 @@ import numpy as np
 from . import keyed_noise
 
 _TURN = 2.0 * np.pi
-#: the mark is nowhere else, whatever drifts
+#: largest distance of the mark from its nominal angle, with all drifts, rad
 _REACH = 0.2
 
 
 class Passages(NamedTuple):
-    """Pulses met: number of the sample behind each, sense (-1, 1), axis angle of its near edge.
+    """Detected pulses: number of the sample after each, sense (-1, 1), axis angle of its near edge.
 
     And the rate of the axis there, rad/s.
     """
@@ -41,7 +41,7 @@ _NONE = Passages(np.empty(0, dtype=int), np.empty(0), np.empty(0), np.empty(0))
 
 
 class ReferenceMark:
-    """The mark of one axis, and the index pulses that its comparator gives.
+    """The mark of one axis, and the index pulses from its comparator.
 
     Parameters
     ----------
@@ -55,22 +55,22 @@ class ReferenceMark:
         self._params, self._seed, self._device = params, seed, device
 
     def passages(self, stamps, angles, volts, temperature, drift):
-        """Those that are noticed.
+        """Passages of the mark.
 
         Parameters
         ----------
         stamps : ndarray of int, shape (n,)
             ns.
         angles, volts, temperature : ndarray, shape (n,)
-            Of the axis, rad; of the supply, V; degC.
+            Axis angle, rad; supply, V; degC.
         drift : float
-            Of the zero since this power-on, rad.
+            Zero drift in this power-on, rad.
 
         Returns
         -------
         met : Passages
         short : ndarray of int
-            The rows behind those that are too short.
+            Rows after passages whose pulses are too short.
         """
         if len(stamps) < 2:
             return _NONE, _NONE.row
@@ -82,7 +82,7 @@ class ReferenceMark:
         return met, short
 
     def _pulse(self, volts, temperature, drift):
-        """Lower edge and width of the index pulse, rad; no width where the signal is too weak."""
+        """Lower edge and width of the index pulse, rad; width NaN if the signal is too weak."""
         p = self._params
         volts, warmth = volts - p.supply_nominal, temperature - p.reference_temperature
         peak = (1.0 + p.signal_supply * volts) * (1.0 + p.signal_slope * warmth)
@@ -93,7 +93,7 @@ class ReferenceMark:
         return p.mark_angle - shift + 0.5 * (p.pulse_width - width), width
 
     def _spurious(self, stamps, angles):
-        """`Passages` where there is no mark: what a disturbance makes of the index signal."""
+        """False `Passages`, from disturbances of the index signal."""
         moments = keyed_noise.pulses(
             self._seed, self._device, 'spurious index', self._params.spurious_index,
             int(stamps[0]), int(stamps[-1]))
@@ -112,9 +112,9 @@ class ReferenceMark:
         sense = np.where(after >= before, 1.0, -1.0)
         lower, width = (np.broadcast_to(v, before.shape)
                         for v in self._pulse(volts, temperature, drift))
-        # the pulse begins at its near edge, met from below or from above, once a turn
+        # the pulse begins at its near edge, reached from below or from above, once per turn
         edge = np.where(sense > 0.0, lower, lower + width)
-        # a comparison with NaN, where there is no pulse, is never true
+        # comparisons with NaN (no pulse) are false
         turns_before = np.floor(sense * (before - edge) / _TURN)
         turns_after = np.floor(sense * (after - edge) / _TURN)
         crossed = turns_after > turns_before
@@ -134,13 +134,13 @@ class ReferenceMark:
         return self._params.mark_angle + turn * _TURN > high
 
     def clears(self, passages):
-        """Which passages may clear the counter."""
+        """Whether passages may clear the counter."""
         wanted = {'any': 0.0, 'below': 1.0, 'above': -1.0}[self._params.mark_from]
         return (passages.sense == wanted) | (wanted == 0.0)
 
 
 def _merged(*parts):
-    """All passages of `parts`, as they were met."""
+    """All passages of `parts` in order of time."""
     row, sense, angle, rate = map(np.concatenate, zip(*parts))
     order = np.lexsort((sense * angle, row))
     return Passages(row[order], sense[order], angle[order], rate[order])

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is wrong with the simulated mount: the parameters of every part, in SI.
+"""Errors of the simulated mount: the parameters of every part, in SI.
 
-Dataclasses hold what a scenario file says (`scenario_file`), whose keys carry the unit of a data
-sheet (``an_arcsec``), without that suffix (``an``): each beside what acts by it, those of sky and
-air here. The defaults are the ideal: no error, no noise. So each effect is switched by its own
-number; docs/mount_effects.md has the sizes of good and bad instruments.
+The dataclasses hold the contents of a scenario file (`scenario_file`), whose keys end in the unit
+of a data sheet (``an_arcsec``), without that ending (``an``). Each is defined next to the code that
+applies it, those of sky and air here. The defaults are ideal: no error, no noise. So each effect is
+switched on by its own number; docs/mount_effects.md has the sizes for good and bad instruments.
 """
 
 from dataclasses import dataclass, replace
@@ -41,12 +41,12 @@ from .wind_gusts import Wind
 
 @dataclass(frozen=True)
 class TrueWeather:
-    """The weather that bends the light, whatever the observer believes: hPa, degC, fraction, m.
+    """The weather that refracts the light, whatever the observer assumes: hPa, degC, fraction, m.
 
-    The temperature changes by `temperature_rate` (degC/s) from the start of the night on, and
-    swings by `temperature_swing` (degC) about that once in `swing_period` (s); mount and encoders
-    feel it. From night to night (24 h, the first from the start on) it is anywhere within a
-    `nightly_range` (degC) about that, independently; `nightly_draw` numbers such seasons.
+    The temperature changes by `temperature_rate` (degC/s) from the start of the night, plus a sine
+    of amplitude `temperature_swing` (degC) and period `swing_period` (s); it affects mount and
+    encoders. Each night (24 h, the first from the start) has an additional independent uniform
+    offset within a `nightly_range` (degC); `nightly_draw` selects the series of offsets.
     """
 
     pressure: float = number(955.0, 'hpa', 0.0, 1100.0)
@@ -60,11 +60,11 @@ class TrueWeather:
     nightly_draw: int = number(1, '', 0, 2**31 - 1, kind=int)
 
     def temperature_at(self, time, start, behind=0.0):
-        """Temperature (degC) at `time`, of a night that began at `start` (UTC s).
+        """Temperature (degC) at `time`, in a night that began at `start` (UTC s).
 
-        Or that of a body of the time constant `behind` (s), whose heat goes over to the air as the
-        difference of both (Newton), long after it was put there: of the response of a low-pass
-        filter of first order to a ramp and to a sine.
+        Or that of a body with the time constant `behind` (s), which exchanges heat with the air in
+        proportion to the difference (Newton), in the steady state: the response of a first-order
+        low-pass filter to a ramp and to a sine.
         """
         seconds = np.asarray(time) - start
         turn = 2.0 * np.pi / self.swing_period
@@ -82,9 +82,9 @@ class TrueWeather:
 
 @dataclass(frozen=True)
 class Housing:
-    """Mount and encoders get warmer than the air by `step` degC, `at` seconds after the start.
+    """Mount and encoders become warmer than the air by `step` degC, `at` seconds after the start.
 
-    With a `time_constant` (s) they approach it gradually.
+    With a `time_constant` (s) they do so exponentially.
     """
 
     step: float = number(0.0, 'c', -60.0, 60.0)
@@ -102,7 +102,7 @@ class Housing:
 
 @dataclass(frozen=True)
 class TrueSite:
-    """Where the mount really stands, rad, rad, m."""
+    """True position of the mount, rad, rad, m."""
 
     latitude: float = number(34.3, 'deg', -90.0, 90.0)
     longitude: float = number(109.0, 'deg', -180.0, 360.0)
@@ -111,7 +111,7 @@ class TrueSite:
 
 @dataclass(frozen=True)
 class Scenario:
-    """All that the simulator knows and nobody else does.
+    """Everything that only the simulator knows.
 
     Attributes
     ----------
@@ -119,13 +119,13 @@ class Scenario:
     clock_offset : float
         True UTC - stamp, s.
     axes, incremental, absolute
-        With an `azimuth`, the first axis of any mount, and an `elevation`, the second.
+        For `azimuth`, the first axis of any mount, and `elevation`, the second.
     drives, coupling
-        The same: the servos, and the couplings of the incremental encoders.
+        Likewise: the servos, and the couplings of the incremental encoders.
     site : TrueSite or None
-        None: where the observer believes to be.
+        None: as assumed by the observer.
     weather : TrueWeather or None
-        None: what the observer believes.
+        None: as assumed by the observer.
     """
 
     name: str = 'ideal'
@@ -145,7 +145,7 @@ class Scenario:
     layers: AirLayers = section(AirLayers)
 
     def on_mount(self, kind):
-        """The same instruments on a perfect mount of another kind, with the travel of such one."""
+        """The same instruments on a perfect mount of another kind, with the travel of that kind."""
         mount = MountErrors(kind=kind)
         names = KINDS[mount.at().kind]
         # a simulated azimuth axis has no stop
@@ -156,9 +156,9 @@ class Scenario:
         return replace(self, mount=mount, axes=replace(self.axes, **axes))
 
     def temperature(self, time, start, behind=0.0):
-        """Temperature (degC) of mount and encoders at `time`, of a night begun at `start`.
+        """Temperature (degC) of mount and encoders at `time`, in a night that began at `start`.
 
-        Or of a part that is `behind` (s) the air.
+        Or of a part that follows the air with the time constant `behind` (s).
         """
         weather = TrueWeather() if self.weather is None else self.weather
         return weather.temperature_at(time, start, behind) + self.housing.excess(

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Scenario files: what is wrong with the simulated mount, as YAML.
+"""Scenario files: errors of the simulated mount, as YAML.
 
-Only the simulator reads them. What a file does not name stays at the value of the scenario it is
-``based_on``, or else at the ideal of `scenario`.
+Only the simulator reads them. Keys that a file does not contain have the value of the scenario it
+is ``based_on``, or else the ideal value of `scenario`.
 """
 
 import dataclasses
@@ -36,10 +36,10 @@ _FOLDER = resources.files('encoder_sim') / 'scenarios'
 
 
 def _key(item, names):
-    """Key of a field in the file, of a mount with `names`.
+    """Key of a field in the file of a mount with `names`.
 
-    A drift is named by what it drifts with, which the unit says; a term and an axis as the mount
-    calls them.
+    Drifts are named after their cause, which follows from the unit; terms and axes have the
+    mount's own names.
     """
     unit, name = item.metadata.get('unit'), item.name
     if 'term' in item.metadata:
@@ -51,13 +51,13 @@ def _key(item, names):
 
 
 def _items(cls, names):
-    """Key -> field of a section, of a mount with `names`."""
+    """Key -> field of a section, for a mount with `names`."""
     return {_key(item, names): item for item in dataclasses.fields(cls) if item.metadata
             and not (item.metadata.get('pier_only') and not names.celestial)}
 
 
 def _unknown(key, cls, names, where):
-    """What is wrong with a key that a section does not have."""
+    """Error text for a key that a section does not have."""
     items = _items(cls, names)
     for other in KINDS.values():
         item = _items(cls, other).get(key)
@@ -120,7 +120,7 @@ def _to_text(value, item, where):
 
 
 def _to_section(mapping, cls, where, base, names):
-    """An instance of `cls` from a mapping of the file, upon `base`, of a mount with `names`."""
+    """An instance of `cls`: `base` changed by a mapping of the file of a mount with `names`."""
     if not isinstance(mapping, dict):
         raise ValueError(f'{where}: {mapping!r} is not a mapping of keys to values')
     items = _items(cls, names)
@@ -136,7 +136,7 @@ def _to_section(mapping, cls, where, base, names):
 
 
 def _drop_description(mapping, file):
-    """Take out ``undeclared``, which says to people what the scenario does."""
+    """Remove ``undeclared``, a description of the scenario for people."""
     truth = mapping.pop('undeclared', {'what': ''})
     if not (isinstance(truth, dict) and isinstance(truth.get('what'), str)
             and set(truth) <= {'what', 'shows_as'}):
@@ -145,12 +145,12 @@ def _drop_description(mapping, file):
 
 
 def scenario_names():
-    """Names of the scenarios that come with the package."""
+    """Names of the scenarios in the package."""
     return sorted(f.name[:-5] for f in _FOLDER.iterdir() if f.name.endswith('.yaml'))
 
 
 def described_scenarios():
-    """What each scenario of the package does, in a sentence, by its name.
+    """A sentence about each scenario of the package, by its name.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def described_scenarios():
     for name in scenario_names():
         text = (_FOLDER / f'{name}.yaml').read_text(encoding='utf-8')
         what = (_parsed(text, own=True) or {}).get('undeclared', {}).get('what', '')
-        if what in ('', 'nothing'):  # the comment at its head
+        if what in ('', 'nothing'):  # use the comment at the top
             lines = text.splitlines()
             count = next((i for i, line in enumerate(lines) if line[:1] != '#'), len(lines))
             what = ' '.join(line.strip('# ') for line in lines[:count]).partition('. ')[0]
@@ -184,8 +184,8 @@ def load_scenario(name_or_path='default'):
     Raises
     ------
     ValueError
-        No such scenario, no YAML, an unknown key, a wrong type, or a value out of its range: one
-        line with the file, the key and what is allowed.
+        No such scenario, invalid YAML, an unknown key, a wrong type, or a value out of range: one
+        line with the file, the key and the allowed values.
     """
     scenario, chain = Scenario(), _chain(str(name_or_path))
     for _, file, _, mapping in reversed(chain):
@@ -203,10 +203,10 @@ def load_scenario(name_or_path='default'):
 
 
 def _on_its_mount(scenario, mapping, file):
-    """The scenario that a file is based on, on the kind of mount that the file is of.
+    """The scenario that a file is based on, converted to the file's kind of mount.
 
-    The names of the keys follow from it. Of one of another kind it takes over the instruments and
-    the weather, not what was wrong with the other mount, nor its travel.
+    The kind determines the names of the keys. From a scenario of another kind, instruments and
+    weather are kept, but not the errors of the mount and its travel.
     """
     section = mapping.get('mount') if isinstance(mapping, dict) else None
     if not isinstance(section, dict) or 'kind' not in section:
@@ -231,34 +231,34 @@ def _check_marks(scenario, file):
 
 
 def scenario_files(name_or_path='default'):
-    """What a scenario says in its own words, for those who read it when all is over.
+    """Texts of a scenario's files, for later readers.
 
     Parameters
     ----------
     name_or_path : str or Path
-        As for `load_scenario`, which says what is raised.
+        See `load_scenario`, also for errors.
 
     Returns
     -------
     list of dict
-        ``name`` and ``text`` of the scenario, then of each that it is based on.
+        ``name`` and ``text`` of the scenario, then of each one that it is based on.
     """
     return [{'name': name, 'text': text} for name, _, text, _ in _chain(str(name_or_path))]
 
 
 def undeclared(text):
-    """What a scenario does that nobody was told.
+    """Effects of a scenario that nobody was told about.
 
     Parameters
     ----------
     text : str
-        Of the scenario's file.
+        Text of the scenario's file.
 
     Returns
     -------
     dict or None
-        ``what`` (a text) and ``shows_as`` (beginnings of names of effects; empty: of none, None:
-        not said); None where the scenario says nothing.
+        ``what`` (a text) and ``shows_as`` (beginnings of names of effects; empty: no effect, None:
+        not specified); None if the scenario has no such section.
     """
     import yaml
     truth = (yaml.safe_load(text) or {}).get('undeclared')
@@ -266,13 +266,13 @@ def undeclared(text):
 
 
 def _is_name(text):
-    """Whether it names a scenario of the package, not a file."""
+    """Whether the text is the name of a scenario in the package, not a file."""
     return Path(text).suffix not in ('.yaml', '.yml')
 
 
 def _parsed(text, own):
-    """YAML of a scenario; one of the package's `own` by libyaml, ten times as fast, which a file
-    of a user's that is nested deep enough would crash.
+    """YAML of a scenario. For the package's `own` files libyaml is used, which is ten times
+    faster, but crashes on deeply nested files of users.
     """
     import yaml
     return yaml.load(text, getattr(yaml, 'CSafeLoader', yaml.SafeLoader) if own
@@ -280,7 +280,7 @@ def _parsed(text, own):
 
 
 def _read(text):
-    """Name, name of the file for people, and content of a scenario."""
+    """Name, file name for people, and content of a scenario."""
     path = Path(text)
     if not _is_name(text):
         if not path.is_file():
@@ -296,7 +296,7 @@ def _read(text):
 
 
 def _chain(text):
-    """(name, file, content, mapping) of a scenario, then of each that it is based on."""
+    """(name, file, content, mapping) of a scenario, then of each one that it is based on."""
     import yaml
 
     out, visited = [], []

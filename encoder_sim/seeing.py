@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Turbulent air and few photons: the noise of a star's place, and refraction that drifts."""
+"""Turbulent air and photon noise: noise of star positions, and refraction that drifts."""
 
 from dataclasses import dataclass
 
@@ -23,33 +23,33 @@ from msg_tools.units import ARCSEC, DEG
 from . import keyed_noise
 from .field_kinds import number
 
-#: a Gaussian's full width at half its height, over sigma
+#: full width at half maximum of a Gaussian in units of sigma
 _FWHM = 2.0 * np.sqrt(2.0 * np.log(2.0))
 
 
 @dataclass(frozen=True)
 class Seeing:
-    """What turbulence and light leave of a star's place, beside `Camera.star_noise`.
+    """Noise of star positions due to turbulence and photons, in addition to `Camera.star_noise`.
 
-    Image motion of one axis, (0.182 (D/r0)^(5/3))^(1/2) lambda/D for an instant (Noll 1976, J.
-    Opt. Soc. Am. 66, 207; as a measure of seeing: H. M. Martin 1987, PASP 99, 1360), goes down
-    with the root of the exposure beyond `motion_time`. Photons: the width of the image over the
-    root of their number, and the background's (K. A. Winick 1986, J. Opt. Soc. Am. A 3, 1809).
+    The image motion of one axis, (0.182 (D/r0)^(5/3))^(1/2) lambda/D at one instant (Noll 1976, J.
+    Opt. Soc. Am. 66, 207; as a measure of seeing: H. M. Martin 1987, PASP 99, 1360), decreases
+    with the root of the exposure beyond `motion_time`. Photon noise: the image width over the
+    root of their number, and background noise (K. A. Winick 1986, J. Opt. Soc. Am. A 3, 1809).
 
     Attributes
     ----------
     fwhm : float
-        Of the seeing at the zenith, rad; it goes with airmass^0.6.
+        Full width at half maximum at the zenith, rad; proportional to airmass^0.6.
     aperture : float
-        Of the telescope, m.
+        Aperture of the telescope, m.
     motion_time : float
-        After this the image has moved elsewhere, s: size of the largest eddies over the wind.
+        Correlation time of the image motion, s: size of the largest eddies over the wind speed.
     star_rate : float
-        Electrons a second of a star of magnitude 0 above the air; 0: no photon noise.
+        Electrons per second from a star of magnitude 0 above the air; 0: no photon noise.
     extinction : float
-        Magnitudes an airmass.
+        Magnitudes per airmass.
     sky : float
-        Magnitude of a square arcsecond of the sky.
+        Magnitude of a square arcsecond of sky.
     """
 
     fwhm: float = number(0.0, 'arcsec', 0.0, 60.0)
@@ -62,18 +62,18 @@ class Seeing:
 
 @dataclass(frozen=True)
 class AirLayers:
-    """Layers of the air that are not level, and not for long: refraction drifts.
+    """Layers of the air that are temporarily tilted: refraction drifts.
 
-    They lean by a vector of two components that follow an AR(1) process in time; refraction is
-    about their normal. So a star is displaced by R0 lean / sin^2 E in elevation and by
-    R0 lean / sin E across, R0 being 55" (C. Hirt 2006, Astron. Astrophys. 459, 283, finds
+    Their tilt is a vector of two components that follow an AR(1) process in time; refraction is
+    about their normal. So a star is displaced by R0 tilt / sin^2 E in elevation and by
+    R0 tilt / sin E across, with R0 = 55" (C. Hirt 2006, Astron. Astrophys. 459, 283, finds
     zenith refraction of 0.05-0.2"; M. S. Taylor et al. 2013, Astron. J. 145, 82: some tenths of
     an arcsecond over ten minutes, from structures below 60 m).
 
     Attributes
     ----------
     lean : float
-        1-sigma of each component, rad; 1 deg displaces a star in the zenith by 1".
+        1-sigma of each component, rad; 1 deg displaces a star at the zenith by 1".
     correlation_time : float
         s.
     """
@@ -104,27 +104,27 @@ def motion_sigma(seeing, elevation, exposure, wavelength):
     ndarray
         rad.
     """
-    # Fried's length at the zenith; r0^(-5/3) goes with the airmass, so the width with ^0.6
+    # Fried parameter at the zenith; r0^(-5/3) is proportional to airmass, so the width to ^0.6
     r0 = 0.98 * wavelength / seeing.fwhm
     instant = 0.182 * (seeing.aperture / r0) ** (5.0 / 3.0) * (wavelength / seeing.aperture) ** 2
     return np.sqrt(instant * airmass(elevation) / (1.0 + exposure / seeing.motion_time))
 
 
 def photon_sigma(seeing, elevation, mag, exposure):
-    """1-sigma of the centroid on one axis by the photons of star and sky; as `motion_sigma`.
+    """1-sigma of the centroid on one axis due to photon noise of star and sky.
 
     Parameters
     ----------
     seeing, elevation, exposure
-        As for `motion_sigma`.
+        See `motion_sigma`.
     mag : ndarray
-        Of the star above the air.
+        Magnitude of the star above the air.
 
     Returns
     -------
     ndarray
-        rad: s / sqrt(N) sqrt(1 + 8 pi s^2 b / N), with N electrons of the star, b of the sky a
-        unit of solid angle, and s the width of the image.
+        rad: s / sqrt(N) sqrt(1 + 8 pi s^2 b / N), with N electrons from the star, b from the sky
+        per unit of solid angle, and s the width of the image.
     """
     if seeing.star_rate == 0.0:
         return np.zeros(np.shape(elevation))
@@ -137,7 +137,7 @@ def photon_sigma(seeing, elevation, mag, exposure):
 
 
 def seeing_sigma(seeing, elevation, mag, exposure, wavelength):
-    """Both together; 0 without seeing. As `motion_sigma` and `photon_sigma`."""
+    """Both together; 0 without seeing. Parameters as in `motion_sigma` and `photon_sigma`."""
     if seeing.fwhm == 0.0:
         return np.zeros(np.shape(elevation))
     return np.hypot(motion_sigma(seeing, elevation, exposure, wavelength),
@@ -145,13 +145,13 @@ def seeing_sigma(seeing, elevation, mag, exposure, wavelength):
 
 
 class TurbulentRefraction:
-    """Refraction about a normal of the air's layers that leans now here, now there.
+    """Refraction about the normal of air layers whose tilt varies.
 
     Parameters
     ----------
     layers : AirLayers
     constant : float
-        Of the refraction: constant times tan z, rad.
+        Refraction constant: refraction = constant times tan z, rad.
     seed : int
     """
 
@@ -162,20 +162,20 @@ class TurbulentRefraction:
                           for side in ('east', 'north')]
 
     def bent(self, seconds, towards):
-        """Where stars are seen.
+        """Directions in which stars are seen.
 
         Parameters
         ----------
         seconds : ndarray, shape (n,)
-            Since the start of the night.
+            Time since the start of the night.
         towards : ndarray, shape (n, 3)
-            Unit vectors east, north, up, where level layers would show them.
+            Unit vectors east, north, up, as seen through level layers.
 
         Returns
         -------
         ndarray, shape (n, 3)
             Unit vectors. Refraction adds constant / cos z times the normal of the layers, across
-            the ray; here the change of that with the lean, to first order in it.
+            the ray; here its change with the tilt, to first order.
         """
         if self._size <= 0.0:
             return towards
@@ -184,33 +184,33 @@ class TurbulentRefraction:
             lean[:, axis] = process.at(seconds)
         up = np.maximum(towards[:, 2:], 0.02)
         along = np.einsum('ni,ni->n', lean, towards)[:, np.newaxis]
-        # d of n / (n . s) for a normal n: lean / up - normal (lean . s) / up^2
+        # derivative of n / (n . s) for a normal n: lean / up - normal (lean . s) / up^2
         shift = lean / up - np.array([0.0, 0.0, 1.0]) * along / up**2
         shift -= towards * np.einsum('ni,ni->n', shift, towards)[:, np.newaxis]
         bent = towards + self._size * shift
         return bent / np.linalg.norm(bent, axis=1, keepdims=True)
 
 
-#: sines in a decade of frequency, each somewhere in its own part of it
+#: sines per decade of frequency, each at a random frequency within its band
 _A_DECADE = 40
 _CHUNK = 4096
 
 
 class SlowNoise:
-    """A process of mean 0, by default of standard deviation 1.
+    """A random process of mean 0, by default of standard deviation 1.
 
     Parameters
     ----------
     spectrum : callable
-        One-sided power spectrum at frequencies (n,), Hz; its size does not matter.
+        One-sided power spectrum at frequencies (n,), Hz, in any units.
     slowest, fastest : float
-        Between them it is taken, Hz.
+        Range of the frequencies, Hz.
     seed : int
     device, purpose : str
-        As of `keyed_noise.uniform`.
+        See `keyed_noise.uniform`.
     response : callable, optional
-        Factor at frequencies (n,) by which the process, of standard deviation 1 before, is passed
-        on. The same seed, device and purpose with another one is the same gust elsewhere.
+        Gain at frequencies (n,), applied to the process of standard deviation 1. The same seed,
+        device and purpose with another response is the same gust elsewhere.
     """
 
     def __init__(self, spectrum, slowest, fastest, seed, device, purpose, response=None):
@@ -231,7 +231,7 @@ class SlowNoise:
         return float(np.sqrt(0.5 * np.sum(self._amplitude**2)))
 
     def at(self, seconds, exposure=0.0):
-        """Values at `seconds` (any shape), each the mean over `exposure` (s) about it."""
+        """Values at `seconds` (any shape), each averaged over `exposure` (s) around it."""
         seconds = np.asarray(seconds, dtype=float)
         amplitude = self._amplitude * np.sinc(self._frequency * exposure)
         flat = seconds.ravel()
@@ -241,7 +241,7 @@ class SlowNoise:
 
 
 def ar_noise(correlation_time, seed, device, purpose):
-    """`SlowNoise` of a first-order process: its correlation is exp(-lag / `correlation_time`)."""
+    """`SlowNoise` of first order: its autocorrelation is exp(-lag / `correlation_time`)."""
     corner = 0.5 / (np.pi * correlation_time)
 
     def lorentzian(frequency):

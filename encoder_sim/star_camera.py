@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The star camera: where the brightest star of the field lies on the chip."""
+"""The star camera: position of the brightest star of the field on the chip."""
 
 from collections import Counter
 from dataclasses import astuple, dataclass, replace
@@ -32,7 +32,7 @@ from .field_kinds import number
 from .mount_geometry import FORWARD, RIGHT, UP, direction
 from .seeing import TurbulentRefraction, seeing_sigma
 
-#: a coarse place leaves out refraction, precession and aberration since the first exposure
+#: error of a coarse place, without refraction, precession and aberration since the first exposure
 _MARGIN = 0.5 * DEG
 _CHUNK = 64
 
@@ -46,19 +46,19 @@ class CameraErrors:
     field_of_view : float
         Full width of the square field, rad.
     mag_limit : float
-        The faintest star that it sees.
+        Magnitude of the faintest visible star.
     star_noise : float
         1-sigma of one measured star, per axis, rad.
     scale_error : float
-        Relative error of the plate scale: distances come out too large by it.
+        Relative error of the plate scale; positive: distances come out too large.
     rotation : float
-        Measured miss distances are turned by this from +x towards +y, rad.
+        Rotation of the measured miss distances, from +x towards +y, rad.
     rotator_x, rotator_y : float
-        Of a camera on a field rotator: where its middle lies at angle 0 of the rotator, beside the
-        axis of that, to the right and up, rad; miss distances are from the middle.
+        For a camera on a field rotator: position of its centre at rotator angle 0, relative to the
+        rotator's axis, to the right and up, rad; miss distances are from the centre.
     trail : float
-        Charge that the read-out leaves behind draws the image of a star of magnitude 4 towards
-        +x by this, rad; less of a bright one (its flux to the power -0.1).
+        Charge left behind by the read-out displaces the image of a star of magnitude 4 towards
+        +x by this, rad; less for a bright one (proportional to its flux to the power -0.1).
     """
 
     field_of_view: float = number(40.0, 'arcmin', 0.1, 600.0)
@@ -72,15 +72,15 @@ class CameraErrors:
 
 
 class ExposureTimes(NamedTuple):
-    """What the camera measured in n exposures.
+    """Measurements of n exposures.
 
     Attributes
     ----------
     miss : ndarray, shape (n, 2)
-        Star - boresight to the right and up as the tube has them (of a perfect mount that is not
-        through its pole, toward rising angles), rad in the tangent plane; NaN without a star.
+        Star - boresight to the right and up in the tube's frame (for a perfect mount that is not
+        through its pole: towards increasing angles), rad in the tangent plane; NaN without a star.
     hip : ndarray of int, shape (n,)
-        The star, 0: none. The camera of a real mount does not know it: for tests.
+        HIP number of the star, 0: none. For tests: a real camera does not know it.
     mag : ndarray, shape (n,)
         Magnitude, NaN without a star.
     """
@@ -91,28 +91,28 @@ class ExposureTimes(NamedTuple):
 
 
 class Camera:
-    """Camera in the tube.
+    """The camera in the tube.
 
     Parameters
     ----------
     scenario : scenario.Scenario
     seed : int
     site : site.Site
-        Where the mount is, if the scenario does not say.
+        Site of the mount if the scenario has none.
     weather : refraction.Weather
-        The same of the air.
+        Weather if the scenario has none.
     start : float
-        Start of the night, UTC s, from which the temperature changes.
+        Start of the night, UTC s, the origin of temperature changes.
     satellite : star_catalogue.SatelliteTarget, optional
-        One more light in the sky, bright enough to be seen.
+        An additional visible object.
     exposure : float
-        Length of an exposure, s, for the noise.
+        Length of an exposure, s, which affects the noise.
 
     Attributes
     ----------
     exposed : collections.Counter
         How often each star (its HIP number; 0: the satellite) was measured. The noise is drawn for
-        the star and that number, not for the time: it stays when slews take longer.
+        the star and that number, not for the time, so it does not change if slews take longer.
     """
 
     def __init__(self, scenario, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, start=0.0,
@@ -139,11 +139,11 @@ class Camera:
         Parameters
         ----------
         stamps : int or ndarray of int, shape (n,)
-            ns, of the middle of the exposure.
+            Middle of the exposures, ns.
         frames : ndarray, shape (n, 3, 3)
-            Of the tube, from `geometry.MountGeometry.frames`.
+            Frames of the tube, from `geometry.MountGeometry.frames`.
         rotator : float or ndarray, shape (n,)
-            Angle of a field rotator, from right to up, rad; the miss distances are turned back.
+            Angle of a field rotator, from right to up, rad; the miss distances are rotated back.
 
         Returns
         -------
@@ -169,7 +169,7 @@ class Camera:
         return ExposureTimes(miss - self._middle(rotator), hip, mag)
 
     def _middle(self, rotator):
-        """Where the middle of the camera is, (n, 2) or (2,), rad."""
+        """Position of the centre of the camera, (n, 2) or (2,), rad."""
         c, s = np.cos(rotator), np.sin(rotator)
         x, y = self.params.rotator_x, self.params.rotator_y
         return np.stack([c * x - s * y, s * x + c * y], axis=-1)
@@ -180,12 +180,12 @@ class Camera:
         Parameters
         ----------
         stamps, frames
-            As for `expose`.
+            See `expose`.
 
         Returns
         -------
         ndarray, shape (n, 2)
-            As `ExposureTimes.miss`; NaN where there is none in the field.
+            As `ExposureTimes.miss`; NaN if it is not in the field.
         """
         stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         miss = np.full((len(stamps), 2), np.nan)
@@ -199,14 +199,14 @@ class Camera:
         return miss
 
     def _candidates(self, time, boresight):
-        """Pairs (exposure, star) that lie near enough to be worth an exact place."""
+        """Pairs (exposure, star) that are close enough to need an exact place."""
         pole = np.array([0.0, np.cos(self.site.latitude), np.sin(self.site.latitude)])
         if self._coarse is None:
             no_air = replace(self.weather, pressure_hpa=0.0)
             self._coarse = time[0], direction(
                 *observed_place(self._stars, time[0], self.site, no_air))
         when, stars = self._coarse
-        # turn the boresight back with the sky, about the pole
+        # rotate the boresight back with the sky, about the pole
         angle = (TURN_RATE * (time - when))[:, np.newaxis]
         back = (
             np.cos(angle) * boresight
@@ -221,7 +221,7 @@ class Camera:
         return tuple(np.concatenate(one) for one in zip(*parts))
 
     def _in_field(self, time, frames, exposure, star):
-        """Candidates within the field, their place in the tangent plane, elevation, rad."""
+        """Candidates within the field, their positions in the tangent plane, elevation, rad."""
         moments = time[exposure]
         place = observed_place(
             self._stars.select(star), moments, self.site, self._air(moments))
@@ -229,7 +229,7 @@ class Camera:
         return exposure[inside], star[inside], tangent[inside], place[1][inside]
 
     def _refracted(self, moments, place):
-        """Directions (n, 3) through layers of the air that are not level."""
+        """Directions (n, 3) as seen through tilted layers of air."""
         return self._layers.bent(moments - self.start, direction(*place))
 
     def _air(self, moments):
@@ -239,7 +239,7 @@ class Camera:
             self.weather, temperature_c=self._true_air.temperature_at(moments, self.start))
 
     def _on_chip(self, towards, frames):
-        """Whether directions (n, 3) fall on the chip, and their tangent plane (n, 2), rad."""
+        """Whether directions (n, 3) fall on the chip, and their tangent plane coordinates, rad."""
         rows = np.einsum('nij,nj->ni', frames, towards)
         ahead = np.maximum(rows[:, FORWARD], 1e-9)
         tangent = np.stack([rows[:, RIGHT] / ahead, rows[:, UP] / ahead], axis=1)
@@ -248,7 +248,7 @@ class Camera:
         return inside, tangent
 
     def _measure(self, star, place, elevation, mag=4.0):
-        """The camera's own scale, rotation, trail and noise."""
+        """Positions with the camera's scale, rotation, trail and noise."""
         p = self.params
         c, s = np.cos(p.rotation), np.sin(p.rotation)
         turned = place @ np.array([[c, s], [-s, c]])
@@ -265,7 +265,7 @@ class Camera:
         return (1.0 + p.scale_error) * turned + noise
 
     def _numbers(self, stars):
-        """Of exposures of `stars` (n,): the star and how often it was exposed, as one int each."""
+        """Noise keys of exposures of `stars` (n,), int: star and number of its exposure."""
         out = []
         for star in stars.tolist():
             self.exposed[star] += 1

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The wind on the simulated mount: `Wind` by time and direction."""
+"""The effect of wind on the simulated mount, by time and direction."""
 
 from dataclasses import dataclass
 
@@ -23,40 +23,41 @@ from pointing_model.mounts import ALTAZ
 from .field_kinds import number
 from .seeing import SlowNoise
 
-#: speed at which the sizes are stated, m/s
+#: speed for which the sizes are given, m/s
 REFERENCE_SPEED = 10.0
 
 
 @dataclass(frozen=True)
 class Wind:
-    """Wind on the tube: it bends the structure, which no encoder sees, and turns the axes.
+    """Wind on the tube: it bends the structure, which no encoder measures, and turns the axes.
 
-    The force goes with the dynamic pressure, so with speed^2, and with how far across the tube the
-    wind blows; its fluctuation is 2 `intensity` of it with von Karman's spectrum, low-passed by the
-    size of the structure (L. Zago 1995, thesis EPFL 1394, ch. 2 and 4; D. G. MacMynowski and
-    T. Andersen 2010, Appl. Opt. 49, 625). The servo takes up what is slower than itself.
+    The force is proportional to the dynamic pressure, so to speed^2, and to the component of the
+    wind across the tube; its relative fluctuation is 2 `intensity`, with von Karman's spectrum,
+    low-passed by the size of the structure (L. Zago 1995, thesis EPFL 1394, ch. 2 and 4;
+    D. G. MacMynowski and T. Andersen 2010, Appl. Opt. 49, 625). The servo corrects what is slower
+    than its bandwidth.
 
     Attributes
     ----------
     speed : float
         Mean speed, m/s.
     origin : float
-        Azimuth from which it blows, rad.
+        Azimuth from which the wind blows, rad.
     intensity : float
         Turbulence intensity: 1-sigma of the speed over its mean.
     length : float
-        Of the largest eddies, m.
+        Size of the largest eddies, m.
     size : float
-        Of what the wind blows at, m; smaller eddies cancel on it.
+        Size of the exposed structure, m; smaller eddies average out.
     shelter : float
-        Part of the pressure that the building takes away where the tube looks down the wind;
-        against the wind nothing, across half of it.
+        Fraction of the pressure that the building removes when the tube points down the wind;
+        none against the wind, half of it across the wind.
     bending : float
-        Of the tube by a steady 10 m/s across it, rad.
+        Bending of the tube by a steady 10 m/s across it, rad.
     shake : float
-        By how much such a wind turns an axis before the servo has answered, rad.
+        Rotation of an axis by such a wind before the servo reacts, rad.
     bandwidth : float
-        Of the servo, Hz.
+        Bandwidth of the servo, Hz.
     """
 
     speed: float = number(0.0, 'm_s', 0.0, 60.0)
@@ -71,7 +72,7 @@ class Wind:
 
 
 def von_karman(frequency, speed, length):
-    """Spectrum of the speed along a turbulent wind, of integral 1.
+    """Normalized spectrum of the speed along a turbulent wind.
 
     Parameters
     ----------
@@ -90,19 +91,19 @@ def von_karman(frequency, speed, length):
 
 
 class WindLoad:
-    """What the wind does at any time.
+    """The effect of the wind at any time.
 
     Parameters
     ----------
     params : Wind
     seed : int
     mount : pointing_model.mounts.Mount
-        How the axes stand.
+        Orientation of the axes.
 
     Attributes
     ----------
     turns, bends : bool
-        Whether it does anything to the axes, to the structure.
+        Whether it turns the axes, and whether it bends the structure.
     """
 
     def __init__(self, params, seed, mount=ALTAZ):
@@ -111,7 +112,7 @@ class WindLoad:
         self.turns, self.bends = blows and params.shake > 0.0, blows and params.bending > 0.0
         if not (self.turns or self.bends):
             return
-        # towards where it blows, east, north, up
+        # direction of the wind, east, north, up
         self._towards = -np.array([np.sin(params.origin), np.cos(params.origin), 0.0])
         self._mean = (params.speed / REFERENCE_SPEED) ** 2
         corner = params.speed / params.length
@@ -129,19 +130,19 @@ class WindLoad:
         return 1.0 / (1.0 + (2.0 * frequency * p.size / p.speed) ** (4.0 / 3.0))
 
     def _pressure(self, azimuth):
-        """Of the mean wind, over that of 10 m/s, where the tube looks."""
+        """Pressure of the mean wind, relative to 10 m/s, where the tube points."""
         p = self.params
         return self._mean * (1.0 - 0.5 * p.shelter * (1.0 - np.cos(azimuth - p.origin)))
 
     def turn(self, seconds, angles):
-        """By how much the axes are turned, and the encoders see.
+        """Rotation of the axes by the wind, which the encoders measure.
 
         Parameters
         ----------
         seconds : ndarray, shape (n,)
-            Since the start of the night.
+            Time since the start of the night.
         angles : ndarray, shape (n, 2)
-            Of the axes, rad.
+            Angles of the axes, rad.
 
         Returns
         -------
@@ -155,7 +156,7 @@ class WindLoad:
             right, up = (self._towards @ t for t in self._mount.tangents(az, el))
             across, az = right * np.cos(el), self._mount.horizon_of(az, el)[0]
             return self._torques(seconds, az, across, up)
-        # torque about each axis: the force across the tube, and its lever
+        # torque about each axis: the force across the tube times its lever
         across = (east * np.cos(az) - north * np.sin(az)) * np.cos(el)
         up = -np.sin(el) * (east * np.sin(az) + north * np.cos(az))
         return self._torques(seconds, az, across, up)
@@ -165,12 +166,12 @@ class WindLoad:
         return (size * self._unheld.at(seconds))[:, np.newaxis] * np.stack([across, up], axis=1)
 
     def bend(self, seconds, boresight, exposure=0.0):
-        """Rotation vectors by which the structure is bent, steadily and by gusts.
+        """Rotation vectors by which wind and gusts bend the structure.
 
         Parameters
         ----------
         seconds : ndarray, shape (n,)
-            Since the start of the night, of the middle of exposures.
+            Time since the start of the night, middle of the exposures.
         boresight : ndarray, shape (n, 3)
             Unit vectors east, north, up.
         exposure : float
@@ -187,5 +188,5 @@ class WindLoad:
         azimuth = np.arctan2(boresight[:, 0], boresight[:, 1])
         gust = 1.0 + 2.0 * p.intensity * self._gusts.at(seconds, exposure)
         size = p.bending * self._pressure(azimuth) * gust
-        # about boresight x wind the boresight turns to where the wind goes
+        # a rotation about boresight x wind turns the boresight down the wind
         return size[:, np.newaxis] * np.cross(boresight, self._towards)
