@@ -22,6 +22,7 @@ from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 
 from . import topics
+from .bag.ros_schema import qos_dict
 from .bag.sqlite import open_bag
 from .bag.topic_names import prefixes_of
 from .bag.topic_selection import check_patterns
@@ -129,7 +130,8 @@ class McapReplay(MountNode):
         exclude = [re.compile(pattern) for pattern in self.value('exclude') if pattern]
         names = wanted or [name for name in there if name not in left_out]
         chosen = [there[n] for n in names if not any(e.fullmatch(n) for e in exclude)]
-        return [topic for topic in chosen if self._installed(topic, topic.name in wanted)]
+        return [_offered(topic) for topic in chosen
+                if self._installed(topic, topic.name in wanted)]
 
     def _installed(self, topic, required):
         try:
@@ -294,7 +296,7 @@ class McapReplay(MountNode):
             return False
         topic, (_, counter) = pub.topic_name, self._publishers_of[pub.topic_name]
         last = [report['last'][topic] for report in self._reports.values()
-                if topic in report['last']]
+                if report['subscribes'].get(topic)]  # of who is matched with this
         if len(last) < pub.get_subscription_count() and (
                 time.monotonic() - self._since < FOREIGN):
             return False  # some have not reported yet
@@ -368,6 +370,13 @@ class McapReplay(MountNode):
         return [('state', self._state), ('messages published', str(self._sent)),
                 ('messages in the log', str(self._reader.message_count)),
                 ('paused', str(self._paused)), ('times from the start again', str(self._loops))]
+
+
+def _offered(topic):
+    """A `LogTopic`; one of a log that has no QoS as the graph has it."""
+    known = [one for one in topics.ALL
+             if topic.name.endswith(f'/{one.name}') and topic.type == one.type]
+    return topic if topic.qos or not known else topic._replace(qos=[qos_dict(known[0].qos)])
 
 
 def _depth(topic):

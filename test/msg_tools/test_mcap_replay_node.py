@@ -27,6 +27,7 @@ from std_msgs.msg import String
 from msg_tools import convert, topics
 from msg_tools.bag import BagWriter
 from msg_tools.mcap_replay_node import BATCH, McapReplay
+from msg_tools.node import MountNode
 
 START = 1_768_482_000_000_000_000
 STEP = 1_000_000
@@ -101,6 +102,28 @@ def test_what_is_computed_or_moves_a_mount_is_left_out_unless_asked_for(graph, l
     model = graph.listen(topics.MODEL, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     graph.wait_for(lambda: model)
     assert model[0].data == 'old'
+
+
+def test_a_log_without_qos_is_offered_as_the_graph_has_it(graph, tmp_path):
+    """As rosbags writes it; who asks for more of a topic of another holds nothing up."""
+    other = topics.Topic('other', 'std_msgs/msg/String', topics.LATCHED)
+    names = '/mount/model', '/mount/other'
+    with BagWriter(tmp_path / 'log') as bag:
+        for name in names:
+            bag.add_topic(name, other.type)
+        for i in range(2 * BATCH + 2):
+            bag.write(names[i % 2], serialize_message(String(data=str(i))), START + i, START + i)
+
+    class Hears(MountNode):
+        def __init__(self, **kwargs):
+            super().__init__('hears', **kwargs)
+            self.subscribe(other, print)
+    graph.add(Hears)
+    model = graph.listen(topics.MODEL)
+    graph.add(McapReplay, bag=str(tmp_path / 'log'), rate=0.0, exit_at_end=False,
+              topics=list(names))
+    graph.report('mcap_replay', '', 'state', 'done')
+    graph.wait_for(lambda: model and model[-1].data == str(2 * BATCH))
 
 
 def test_it_waits_for_subscribers(graph, log):
