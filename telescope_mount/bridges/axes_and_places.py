@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Between the axes of a mount and what its driver is sent: places of date."""
+"""Conversion between the axes of a mount and the places of date that its driver takes."""
 
 import numpy as np
 
@@ -25,14 +25,14 @@ HOUR = 15.0 * DEG
 
 
 def check_kind(mount):
-    """Raise ValueError where a mount cannot be told its axes by right ascension and declination."""
+    """Raise ValueError if right ascension and declination do not determine a mount's axes."""
     if mount.kind not in ('equatorial', 'german', 'altaz'):
         raise ValueError(f'right ascension and declination alone cannot command the axes of a '
                          f'{mount.kind} mount; this bridge drives altaz, equatorial, german')
 
 
 def hour_angle_of(mount, first, second, site):
-    """Hour angle and declination at which perfect axes look.
+    """Hour angle and declination at which perfect axes point.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ def hour_angle_of(mount, first, second, site):
     Returns
     -------
     hour_angle, declination : float or ndarray
-        Not through the pole, rad.
+        For a mount not through the pole, rad.
 
     Raises
     ------
     ValueError
-        A mount of another kind.
+        The mount is of another kind.
     """
     check_kind(mount)
     if mount.vertical:
@@ -59,7 +59,7 @@ def hour_angle_of(mount, first, second, site):
 
 
 def place_of_date(mount, axes, time, site):
-    """Right ascension and declination of date at which perfect axes look.
+    """Right ascension and declination of date at which perfect axes point.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def place_of_date(mount, axes, time, site):
 
 
 def axes_at(mount, ra, dec, time, site, beyond):
-    """The inverse of `place_of_date`: the angles of perfect axes, on the mount's travel.
+    """The inverse of `place_of_date`: angles of perfect axes, within the mount's travel.
 
     Parameters
     ----------
@@ -91,12 +91,12 @@ def axes_at(mount, ra, dec, time, site, beyond):
         UTC, s since 1970.
     site : Site
     beyond : bool or ndarray of bool
-        Whether the mount looks there through the pole.
+        Whether the mount points there through the pole.
 
     Returns
     -------
     first, second : ndarray
-        rad; an azimuth is from 0 to 2 pi.
+        rad; azimuths are from 0 to 2 pi.
     """
     hour_angle = wrap(sidereal_time(time, site) - ra)
     if mount.vertical:
@@ -105,26 +105,26 @@ def axes_at(mount, ra, dec, time, site, beyond):
 
 
 class AxisFollower:
-    """Brings the axes to where they are demanded, through a driver that only takes places.
+    """Moves the axes to their demand with a driver that only takes places of the sky.
 
-    A driver with its own model goes to a place of the sky, and its axes end beside the place
-    by that model; one without ends on it. Either way what counts is what the axes read: they are
-    sent again, by as much farther as they fell short. Between two such steps the driver tracks.
+    A driver with its own pointing model goes to a place of the sky, and its axes end beside the
+    place by that model; a driver without one ends on it. In both cases only the axis readings
+    count: the axes are sent again, farther by the error. Between these steps the driver tracks.
 
     Parameters
     ----------
     mount : Mount
     site : Site
     tolerance : float
-        Axes that are farther from their demand are sent again, rad.
+        Largest error of the axes that is not corrected, rad.
 
     Attributes
     ----------
     correction : ndarray, shape (2,)
-        By how much farther the axes are sent than demanded, rad.
+        Correction added to the demand, rad.
     """
 
-    #: the correction is no larger: what was checked is where the axes are demanded, rad
+    #: largest correction, since only the demand has been checked, rad
     LARGEST = 2.0 * DEG
 
     def __init__(self, mount, site, tolerance=1.0 * ARCSEC):
@@ -132,23 +132,23 @@ class AxisFollower:
         self.correction = np.zeros(2)
 
     def begin(self):
-        """A new track: what the driver's model does there is not known."""
+        """Start a new track, at which the effect of the driver's model is unknown."""
         self.correction = np.zeros(2)
 
     def off(self, demand, reading):
-        """By how far the axes lie from their demand, rad, shape (2,)."""
+        """Error of the axes, demand - reading, rad, shape (2,)."""
         return wrap(np.asarray(demand, float) - np.asarray(reading, float))
 
     def arrived(self, demand, reading):
-        """Whether they are on it."""
+        """Whether the axes are within the tolerance."""
         return bool(np.all(np.abs(self.off(demand, reading)) <= self.tolerance))
 
     def other_side(self, demand, reading):
-        """Whether the axes look through the pole and should not, or the other way round."""
+        """Whether the axes point through the pole and should not, or vice versa."""
         return bool(is_beyond(demand[1]) != is_beyond(reading[1]))
 
     def learn(self, demand, reading):
-        """Take where the axes came to rest; True where they are to be sent again."""
+        """Update the correction from the axes at rest; True if they are to be sent again."""
         if self.arrived(demand, reading) or self.other_side(demand, reading):
             return False
         self.correction = np.clip(self.correction + self.off(demand, reading), -self.LARGEST,
@@ -156,6 +156,6 @@ class AxisFollower:
         return True
 
     def target(self, demand, time):
-        """Right ascension and declination of date to send the driver to, rad."""
+        """Right ascension and declination of date to be sent to the driver, rad."""
         return place_of_date(self.mount, np.asarray(demand, float) + self.correction, time,
                              self.site)

@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The connection to a server: its address, and trying again until it is there."""
+"""The connection to a server: its address, and repeated attempts until it is there."""
 
 import threading
 
-#: of a server by protocol: as INDI has registered it, and Alpaca's by custom
+#: default port by protocol: registered for INDI, customary for Alpaca
 PORTS = {'indi': 7624, 'alpaca': 11111}
-#: s between two tries
+#: s between two attempts
 RETRY = 3.0
 
 
 class BridgeError(RuntimeError):
-    """The server or the driver did not do what it was asked; the text is one line."""
+    """The server or the driver did not do what was requested; the text is one line."""
 
 
 def parse_address(text, protocol='indi'):
@@ -33,7 +33,7 @@ def parse_address(text, protocol='indi'):
     ----------
     text : str
     protocol : str
-        Of `PORTS`.
+        One of `PORTS`.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def parse_address(text, protocol='indi'):
     Raises
     ------
     ValueError
-        It is no such address.
+        Not such an address.
     """
     kind, _, rest = text.partition(':')
     host, _, port = rest.partition(':')
@@ -56,21 +56,21 @@ def parse_address(text, protocol='indi'):
 
 
 class Reconnection:
-    """Calls one function `retry` seconds after it has ended, or at once when it is woken.
+    """Calls a function again `retry` seconds after it has ended, or at once when woken.
 
     Parameters
     ----------
     attempt : callable
-        Its BridgeError, ValueError or OSError is why it failed.
+        Function; its BridgeError, ValueError or OSError is the reason of a failure.
     failed : callable
-        ``failed(sentence)``, after each of these.
+        ``failed(sentence)``, called after each failure.
     retry : float
         s.
 
     Attributes
     ----------
     closed : bool
-        Nothing more is tried.
+        Whether no more attempts are made.
     """
 
     def __init__(self, attempt, failed, retry=RETRY):
@@ -82,7 +82,7 @@ class Reconnection:
         threading.Thread(target=self._run, daemon=True).start()
 
     def close(self):
-        """End it, after the try under way."""
+        """End it after the current attempt."""
         self.closed = True
         self.wake()
 
@@ -91,7 +91,7 @@ class Reconnection:
         self._wake.set()
 
     def pause(self, seconds):
-        """Wait so long, or until it is woken."""
+        """Wait so long, or until woken."""
         self._wake.wait(seconds)
         self._wake.clear()
 

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Stops a mount whose commander has died: its own process, which needs nothing but Python.
+"""Stops a mount whose commander has died: a separate process, which needs only Python.
 
-A driver that was sent a place goes there, and tracks, whoever told it. So whoever commands has
-this process beside it, and writes to its input: `ARMED` and `SAFE`, again and again. Where the
-input ends, or nothing comes for `SILENCE` seconds, while it is armed, it stops the mount at the
-server by its own connection, and again where the driver says that it has taken up its track.
+A driver goes to the place it was sent and tracks there, even if the commander dies. So a commander
+has this process beside it, and regularly writes to its input: `ARMED` or `SAFE`. If the input
+ends, or nothing comes for `SILENCE` seconds, while it is armed, it stops the mount at the
+server through its own connection, and again if the driver reports that it tracks again.
 
     python -I -S dead_man.py KIND HOST PORT DEVICE [SILENCE]
 """
@@ -35,13 +35,13 @@ import time
 ARMED, SAFE = b'1', b'0'
 #: kinds of servers
 INDI, ALPACA = 'indi', 'alpaca'
-#: s; an order to an Alpaca server may take a second until it is answered, one to INDI's does not
+#: s; an Alpaca server may take a second to answer an order, an INDI server does not
 SILENCE = {INDI: 1.0, ALPACA: 3.0}
-#: s between tries where the server does not answer, and until it is given up
+#: s between attempts if the server does not answer, and until giving up
 AGAIN, LONGEST = 0.5, 30.0
-#: the order to stop is sent so often, and more often where the driver takes up its track
+#: number of stop orders, and the most if the driver tracks again
 TIMES, MOST = 4, 20
-#: as INDI drivers tell whether they track
+#: reports of INDI drivers whether they track
 _TRACKS = re.compile(rb'<setSwitchVector[^>]*"TELESCOPE_TRACK_STATE".*?</setSwitchVector>', re.S)
 _ON = re.compile(rb'"TRACK_ON"[^>]*>\s*On\s*<')
 _STOP = ''.join(
@@ -51,16 +51,16 @@ _STOP = ''.join(
 
 
 class DeadMan:
-    """Starts the process, and gives it that all is well.
+    """Starts the process, and signals that all is well.
 
     Parameters
     ----------
     host : str
     port : int
     device : str
-        Of an Alpaca server its number.
+        For an Alpaca server its number.
     silence : float, optional
-        As of `watch`; that of the kind.
+        See `watch`; by default that of the kind.
     kind : {'indi', 'alpaca'}
     """
 
@@ -72,7 +72,7 @@ class DeadMan:
         os.set_blocking(self._process.stdin.fileno(), False)
 
     def signal(self, armed):
-        """Whether the mount is to be stopped if no more is heard; False where nobody hears it."""
+        """Send whether to stop the mount if signals cease; False if the process has ended."""
         try:
             os.write(self._process.stdin.fileno(), ARMED if armed else SAFE)
         except BlockingIOError:
@@ -82,7 +82,7 @@ class DeadMan:
         return self._process.poll() is None
 
     def close(self):
-        """End it; what was told last counts, and goes on without who told it."""
+        """End it; the last signal still counts, even without its sender."""
         with contextlib.suppress(OSError):
             self._process.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -90,14 +90,14 @@ class DeadMan:
 
 
 def stop(kind, host, port, device):
-    """Stop the mount; whether the server has taken it."""
+    """Stop the mount; return whether the server has accepted it."""
     end = time.monotonic() + LONGEST
     while time.monotonic() < end:
         try:
             (_stop_alpaca if kind == ALPACA else _stop_indi)(host, port, device)
             return True
         except OSError:
-            time.sleep(AGAIN)  # polls: another machine's port gives no event to wait for
+            time.sleep(AGAIN)  # polling: another machine's port gives no event to wait for
     return False
 
 
@@ -105,7 +105,7 @@ def _stop_indi(host, port, device):
     name = device.replace('&', '&amp;').replace('"', '&quot;').replace('<', '&lt;')
     with socket.create_connection((host, port), 2.0) as connection:
         connection.sendall(f'<getProperties version="1.7" device="{name}"/>\n'.encode())
-        # a slew that is aborted may end as it would have, tracking: so once more, and again
+        # an aborted slew may still end in tracking: send again, several times
         sent, due, received = 0, 0.0, b''
         connection.settimeout(0.05)
         end = time.monotonic() + TIMES * AGAIN
@@ -136,11 +136,11 @@ def _stop_alpaca(host, port, device):
                                    {'Content-Type': 'application/x-www-form-urlencoded'})
                 connection.getresponse().read()
         if n < TIMES - 1:
-            time.sleep(AGAIN)  # polls: nothing tells when a driver has taken up its track again
+            time.sleep(AGAIN)  # polling: nothing reports when a driver tracks again
 
 
 def watch(stream, kind, host, port, device, silence=SILENCE[INDI]):
-    """Listen until the input ends; stops the mount where it ends, or is silent, while armed."""
+    """Listen until the input ends; stop the mount if it ends, or is silent, while armed."""
     armed = False
     while True:
         ready, _, _ = select.select([stream], [], [], silence if armed else None)
@@ -160,6 +160,6 @@ def watch(stream, kind, host, port, device, silence=SILENCE[INDI]):
 
 
 if __name__ == '__main__':
-    # who ends the commander by the keyboard ends it alone
+    # Ctrl-C is meant for the commander alone
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     watch(0, *sys.argv[1:3], int(sys.argv[3]), sys.argv[4], *map(float, sys.argv[5:]))

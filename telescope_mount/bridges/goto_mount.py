@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A mount whose driver is sent places, as the graph knows mounts: readings out, tracks in.
+"""A mount whose driver takes places, with the interface of the graph: readings out, tracks in.
 
-What is the same whatever protocol the driver speaks; see `indi_driver` and `alpaca_driver`.
+Common parts of all protocols; see `indi_driver` and `alpaca_driver`.
 """
 
 import contextlib
@@ -31,48 +31,47 @@ from pointing_model.mounts import is_beyond
 from .axes_and_places import AxisFollower, axes_at, place_of_date
 from .connection import RETRY, BridgeError, Reconnection
 
-#: axes that are not told: a sentence for people
+#: sentence for a driver without axis angles
 NO_AXES = ('the driver reports no axis angles: its position is taken for them, and what its '
            'model corrects cannot be measured')
-#: axes that stand are not told again by a driver; they are said so often here, s
+#: axes at rest are not reported again by a driver; they are repeated here at this interval, s
 STILL = 0.2
 NO_RATES = ('the driver takes no rates of the axes: a satellite is not followed; track it with a '
             'driver of your own (docs/real_mount.md)')
-#: s after an order in which a driver says that it is under way
+#: s after an order until the driver reports that it is moving
 TAKES_IT = 0.6
-#: s between two signs of life to the process that stops the mount if this one dies
+#: s between two signals to the process that stops the mount if this one dies
 HEARTBEAT = 0.1
-#: a track that begins farther from the last is another part of the driver's model, rad
+#: a track that starts farther from the last one is in another part of the driver's model, rad
 FAR = 10.0 * DEG
-#: what goes over the sky faster than this is no star, rad/s; it is led by rates of the axes, where
-#: they are nearer to it than `NEAR`, rad, and else sent to where it is `LEAD` s later
+#: faster motion on the sky is not that of a star, rad/s; such a target is followed by rates of the
+#: axes if they are nearer to it than `NEAR`, rad, else they are sent to its place `LEAD` s later
 NO_STAR, NEAR, LEAD = 2.0 * ARCSEC, 0.5 * DEG, 1.0
-#: rates are renewed so often, s, and make up for what the axes are off in so much time, s
+#: interval at which rates are renewed, s, and time in which they correct an error of the axes, s
 RENEWED, MADE_UP = 0.2, 1.0
-#: a track at rest that is over so soon is a stop, s
+#: a track at rest that ends within this time is a stop, s
 STOP = 0.25
-#: s in which a mount comes to rest after the order to stop
+#: s in which a mount comes to rest after a stop order
 GOES_ON = 10.0
-#: s after a stop in which one that still moves is stopped again, at once where it says that it has
-#: taken up a track since, and in which it stands for sure; longest time that is waited for that at
-#: the end
+#: s after a stop until a moving mount is stopped again; the same if it reports to track again;
+#: until it certainly stands; and longest wait for that at the end
 STOP_AGAIN, AT_ONCE, AT_REST, LONGEST = 0.2, 0.03, 1.5, 4.0
 
 
 class Tick(NamedTuple):
-    """What the driver sent at one moment.
+    """Data sent by the driver at one moment.
 
     Attributes
     ----------
     stamp : int
-        ns since 1970, as it came.
+        Time of reception, ns since 1970.
     axes : ndarray, shape (2,)
-        As the driver counts them, rad.
+        Axis angles as counted by the driver, rad.
     place : ndarray, shape (2,), or None
-        Right ascension and declination of date at which it looks, rad; None where it did not
-        come with the axes: a driver sends it as it changes.
+        Right ascension and declination of date at which it points, rad; None if it did not come
+        with the axes: a driver sends only changes.
     tracking : bool
-        Whether the driver says that it has arrived.
+        Whether the driver reports that it has arrived.
     """
 
     stamp: int
@@ -82,13 +81,13 @@ class Tick(NamedTuple):
 
 
 class GotoMount:
-    """Keeps a mount at a server ready, and its axes on the track that was commanded.
+    """Keeps a mount at a server ready, and its axes on the commanded track.
 
-    What blocks is done by its own thread; `step` is called often, by one thread. Who speaks
-    a protocol gives `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
+    Blocking work is done in its own thread; `step` is called often, by one thread. A protocol
+    implements `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
     ``believed``, ``axes``, ``place``, ``tracks``, ``taken_up``, ``beyond``, ``side``, ``slewing``,
-    ``parked``, ``takes_rates``, ``turn``, ``goto``, ``abort`` and ``prepare`` as
-    `indi_telescope.IndiTelescope` has them.
+    ``parked``, ``takes_rates``, ``turn``, ``goto``, ``abort`` and ``prepare``, see
+    `indi_telescope.IndiTelescope`.
 
     Parameters
     ----------
@@ -97,9 +96,9 @@ class GotoMount:
     mount : Mount
     site : Site
     tolerance : float
-        Of the axes, rad.
+        Tolerance of the axes, rad.
     retry : float
-        Time between two tries to make the mount ready, s.
+        Time between two attempts to make the mount ready, s.
     """
 
     def __init__(self, where, mount, site, tolerance=1.5e-5, retry=RETRY):
@@ -110,15 +109,15 @@ class GotoMount:
         self._follower = AxisFollower(mount, site, tolerance)
         self._track = self._last = self._fresh = None
         self._sent, self._newest, self._beside = 0.0, 0, ''
-        self._there = np.full(2, np.nan)  # of the axes, where it was sent last
-        self._turned = 0.0  # when rates were sent last, s; 0: since then it was sent to a place
+        self._there = np.full(2, np.nan)  # axes to which it was sent last
+        self._turned = 0.0  # when rates were sent last, s; 0: a place was sent since
         self._stopping, self._stopped, self._stop_sent = None, 0.0, 0  # since; last; ns
         self._readings = deque(maxlen=10_000)
         self._lock, self._is_ready = threading.Lock(), threading.Event()
         self._reconnection = Reconnection(self._make_ready, self._not_ready, retry)
 
     def open(self):
-        """Begin to connect; returns at once."""
+        """Start to connect; returns immediately."""
         raise NotImplementedError
 
     def shut(self):
@@ -126,7 +125,7 @@ class GotoMount:
         raise NotImplementedError
 
     def find(self):
-        """The telescope, ready to be pointed; may block. BridgeError where there is none."""
+        """The telescope, ready to be pointed; may block. BridgeError if there is none."""
         raise NotImplementedError
 
     def start(self):
@@ -135,12 +134,12 @@ class GotoMount:
         self._reconnection.start()
 
     def close(self, patience=LONGEST):
-        """Leave a mount that stands: nobody would renew what it tracks.
+        """Stop the mount, since nobody would renew its track.
 
         Parameters
         ----------
         patience : float
-            So long, s, it is waited for that a mount that moved stands.
+            Longest wait until a moving mount has stopped, s.
         """
         self._reconnection.close()
         telescope = self.telescope
@@ -151,7 +150,7 @@ class GotoMount:
                 end = time.monotonic() + patience
                 while moves and self._stopping and self.ready and time.monotonic() < end:
                     self._stop_again(telescope)
-                    time.sleep(0.02)  # polls: of what the thread of the connection hears
+                    time.sleep(0.02)  # polling: the thread of the connection receives the state
         if self.stopper is not None:
             self.stopper.signal(self._track is not None or not self.ready)
             self.stopper.close()
@@ -160,7 +159,7 @@ class GotoMount:
     # --- getting ready ------------------------------------------------------------------------
 
     def lost(self):
-        """The connection is lost."""
+        """Called when the connection is lost."""
         self.ready, self.telescope = False, None
         self._is_ready.clear()
         self._track = self._fresh = None
@@ -169,18 +168,18 @@ class GotoMount:
         self.wake()
 
     def wake(self):
-        """Look at once whether the mount can be made ready."""
+        """Try at once to make the mount ready."""
         self._reconnection.wake()
 
     def wait_ready(self, seconds):
-        """Wait until it is, or so long (s)."""
+        """Wait until the mount is ready, at most so long (s)."""
         self._is_ready.wait(0.0 if self.ready else seconds)
 
     def _make_ready(self):
         if self.ready:
             return
         self.telescope = self.find()
-        # what was found moving, and stopped
+        # it may have been found moving, and was stopped
         self._stopping = self._stopped = time.monotonic()
         self.ready, self.why = True, ''
         self._is_ready.set()
@@ -189,9 +188,9 @@ class GotoMount:
         self.why = why
 
     def check(self, telescope, may_move):
-        """BridgeError where it is of another kind; whether it stands elsewhere than it should.
+        """BridgeError if the mount is of another kind; return whether its site is another one.
 
-        That is one as well, unless it may be sent the site (`may_move`).
+        Another site is an error too, unless the mount may be sent the site (`may_move`).
         """
         if telescope.kind not in ('', self.mount.kind):
             raise BridgeError(f'{telescope.device} is a mount of the kind {telescope.kind}, and '
@@ -207,7 +206,7 @@ class GotoMount:
     # --- readings -----------------------------------------------------------------------------
 
     def take(self, tick):
-        """A `Tick`, in the thread of the connection."""
+        """Take a `Tick`, in the thread of the connection."""
         with self._lock:
             if tick.stamp > self._newest:
                 self._newest = tick.stamp
@@ -216,7 +215,7 @@ class GotoMount:
             self._fresh = tick
 
     def readings(self):
-        """Those since the last call: list of (ns, angles (2,) in rad, on the travel)."""
+        """Readings since the last call: list of (ns, angles (2,) in rad, within the travel)."""
         telescope = self.telescope
         if not self.ready or telescope is None:
             self._readings.clear()
@@ -232,9 +231,9 @@ class GotoMount:
         return out
 
     def _repeat_reading(self, telescope, now):
-        """Axes that stand, or that are not told at all."""
+        """Repeat the reading of axes at rest, or compute it for a driver without axes."""
         if telescope.has_axes:
-            # a mount that tracks and says nothing is no mount that stands
+            # a mount that tracks without reporting its axes is not at rest
             if self._newest and telescope.tracks:
                 return
             angles = np.array(self.mount.on_travel(*telescope.axes[0]))
@@ -250,19 +249,19 @@ class GotoMount:
     # --- orders -------------------------------------------------------------------------------
 
     def command(self, start, times, angles, rates=None):
-        """Take a track: a new one, or the next piece of the one that is followed.
+        """Take a track: a new one, or the next piece of the current one.
 
-        A piece that goes on with the track within the tolerance, or by rates of the axes, sends
-        nothing to the driver. A track at rest that is over within `STOP` is a stop.
+        A piece that continues the track within the tolerance, or by rates of the axes, sends
+        nothing to the driver. A track at rest that ends within `STOP` is a stop.
 
         Parameters
         ----------
         start : int
             ns.
         times : ndarray, shape (n,)
-            s since then.
+            Time since then, s.
         angles, rates : ndarray, shape (n, 2)
-            Of the axes, rad and rad/s.
+            Axis angles and rates, rad and rad/s.
 
         Raises
         ------
@@ -282,7 +281,7 @@ class GotoMount:
         self._track, self._stopping = track, None
         if beside <= (NEAR if self._turned else self._follower.tolerance):
             return
-        # also after a stop: sent without the correction it would turn beside and back
+        # keep the correction even after a stop: without it the mount would go astray and back
         if np.abs(wrap(self.demand(now) - self._there)).max() > FAR:
             self._follower.begin()
         self._fresh, self._sent, self._beside = None, 0.0, ''
@@ -292,7 +291,7 @@ class GotoMount:
         return _at(self._track, now)
 
     def _rates(self, now):
-        """Of the axes on the track, rad/s, shape (2,), and whether it is that of no star."""
+        """Axis rates on the track, rad/s, shape (2,), and whether they are too fast for a star."""
         ends = now - 0.5 * RENEWED, now + 0.5 * RENEWED
         angles = [self.demand(at)[0] for at in ends]
         (ra, dec), (later, up) = (place_of_date(self.mount, *of, self.site)
@@ -301,12 +300,12 @@ class GotoMount:
         return (angles[1] - angles[0]) / RENEWED, over > NO_STAR * RENEWED
 
     def step(self):
-        """Send the mount on where its axes are not on the track.
+        """Send the mount on if its axes are not on the track.
 
         Raises
         ------
         BridgeError
-            The driver does not take it: it is made ready again.
+            The driver refuses; the mount is then made ready again.
         """
         try:
             self._signal_stopper()
@@ -322,7 +321,7 @@ class GotoMount:
         if self.stopper is None or now - self._signalled < HEARTBEAT:
             return
         self._signalled = now
-        # lost with the connection is not stopped: it stays armed
+        # a mount lost with its connection has not been stopped: stay armed
         if not self.stopper.signal(self._track is not None or not self.ready):
             self.stopper = None
             raise BridgeError('the process that stops the mount if this one dies has ended: it is '
@@ -337,7 +336,7 @@ class GotoMount:
             return
         now = time.time()
         if now > track[0][-1]:
-            # nobody renewed it: what is not commanded is not followed
+            # the track was not renewed, so it is no longer commanded
             self.abort()
             return
         if not self._sent:
@@ -364,8 +363,8 @@ class GotoMount:
                             'nearer to the meridian it chooses by itself')
             return
         rates, moves = self._rates(now)
-        if moves and np.abs(rates).max() > NO_STAR:  # and does not rest
-            # protocols have rates of hour angle and declination
+        if moves and np.abs(rates).max() > NO_STAR:  # and not at rest
+            # protocols only have rates of hour angle and declination
             if telescope.takes_rates and not self.mount.vertical:
                 self._lead(telescope, rates, demand, reading, now)
                 return
@@ -374,11 +373,11 @@ class GotoMount:
             self._send(telescope, now)
 
     def _lead(self, telescope, rates, demand, reading, now):
-        """Along a track of no star, by rates; axes that are far off are sent there once more."""
+        """Follow a fast target by rates; axes that are too far off are sent to a place again."""
         off = self._follower.off(demand, reading)
         far = np.abs(off).max()
         if far > NEAR:
-            if far < self._follower.LARGEST:  # farther off it is the way that took its time
+            if far < self._follower.LARGEST:  # larger errors come from the duration of the slew
                 self._follower.learn(demand, reading)
             self._send(telescope, now)
         elif now - self._turned >= RENEWED:
@@ -392,7 +391,7 @@ class GotoMount:
         self._sent, self._turned = now, 0.0
 
     def abort(self):
-        """Stop at once, and stand."""
+        """Stop immediately, without tracking."""
         self._track, self._turned = None, 0.0
         telescope = self._need()
         self._stopped = time.monotonic()
@@ -401,7 +400,7 @@ class GotoMount:
         telescope.abort()
 
     def _stop_again(self, telescope):
-        """A slew that is aborted may end as it would have: tracking."""
+        """Repeat the stop order, since an aborted slew may still end in tracking."""
         if not self._stopping:
             return
         passed = time.monotonic() - self._stopped
@@ -412,7 +411,7 @@ class GotoMount:
             self._stopping = None
 
     def unpark(self):
-        """Be ready for commands."""
+        """Make the mount ready for commands."""
         telescope = self._need()
         if telescope.parked:
             telescope.prepare()
@@ -425,7 +424,7 @@ class GotoMount:
     # --- what is told -------------------------------------------------------------------------
 
     def state(self):
-        """In words, '' for all right: (sentence, whether nothing can be done)."""
+        """Problem in words, '' for none, and whether nothing can be done: (sentence, bool)."""
         if not self.ready:
             return self.why, True
         if self._stopping and time.monotonic() - self._stopping > GOES_ON:
@@ -453,7 +452,7 @@ class GotoMount:
 def _at(track, now):
     """Angles of a track, (times, angles), at a time, rad, shape (1, 2).
 
-    Before its begin it goes on backwards: a reading may be older than the last piece.
+    Extrapolated before its beginning: a reading may be older than the last piece.
     """
     times, angles = track
     before = min(now - times[0], 0.0)

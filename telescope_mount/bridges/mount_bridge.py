@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A node that is a mount of a server: its axes as joint states, `command` as goto and track."""
+"""A node for a mount of a server: its axes as joint states, `command` as goto and track."""
 
 from contextlib import suppress
 
@@ -29,23 +29,23 @@ from .connection import BridgeError
 
 TOLERANCE = Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
                   '[arcsec]', 0.1, 3600.0, fixed=True)
-#: s in which home waits for a mount that is being made ready
+#: s for which home waits until the mount is ready
 WAIT = 5.0
 
 
 class MountBridge(WorkerNode):
-    """Owns the connection; what is computed is in `goto_mount`. Its protocol gives `make_driver`.
+    """Owns the connection; `goto_mount` does the computations. A protocol gives `make_driver`.
 
     Parameters
     ----------
     name, params, hardware_id, **kwargs
-        As of `WorkerNode`.
+        See `WorkerNode`.
     """
 
     def __init__(self, name, params, hardware_id, **kwargs):
         super().__init__(name, params, hardware_id=hardware_id, **kwargs)
         mount = mount_of(self)
-        check_kind(mount)  # a kind that cannot be driven is refused at once
+        check_kind(mount)  # refuse other kinds at once
         self._names = mount.names.keys
         self.worker = self._driver = self.make_driver(mount)
         self._before = None
@@ -55,12 +55,12 @@ class MountBridge(WorkerNode):
         self.every(0.02, self._tick)
 
     def make_driver(self, mount):
-        """That of the parameters, a `goto_mount.GotoMount`."""
+        """The driver for the parameters, a `goto_mount.GotoMount`."""
         raise NotImplementedError
 
     def deactivated(self):
         """Stop the mount."""
-        with suppress(BridgeError):  # it is not connected: whatever it does, nothing was requested
+        with suppress(BridgeError):  # not connected: then nothing was commanded
             self._driver.abort()
 
     def _on_command(self, message):
@@ -93,10 +93,10 @@ class MountBridge(WorkerNode):
         return (angles - before[1]) / ((stamp - before[0]) * 1e-9)
 
     def problems(self):
-        """No connection, no encoders, the other side of the pier."""
+        """No connection, no encoders, or the wrong side of the pier."""
         text, lost = self._driver.state()
         return [(DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN, text)] if text else []
 
     def details(self):
-        """Device, side, what the driver's own model takes."""
+        """Device, side of the pier, and correction of the driver's own model."""
         return [*super().details(), *self._driver.details()]

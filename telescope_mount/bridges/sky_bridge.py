@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A node that is what a mount of a server sees: where a star lies from the boresight."""
+"""A node for the sky seen by a mount of a server: offsets of stars from the boresight."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -25,7 +25,7 @@ from pointing_model.sky.star_catalogue import satellite_target
 
 from .star_field import StarField
 
-#: of what is looked at, whoever gives it
+#: parameters of the field, for all protocols
 FIELD_PARAMS = (
     Param('field_deg', 0.33, 'radius of the field [deg]', 0.01, 5.0, fixed=True),
     Param('magnitude_limit', 8.0, 'faintest star, Hipparcos magnitude', -2.0, 12.0, fixed=True),
@@ -40,12 +40,12 @@ FIELD_PARAMS = (
 
 
 class SkyBridge(WorkerNode):
-    """Publishes each exposure; NaN says that no star was measured. None while it is inactive.
+    """Publishes each exposure, NaN without a star; publishes nothing while it is inactive.
 
     Parameters
     ----------
     name, params, hardware_id, **kwargs
-        As of `WorkerNode`; the parameters with `FIELD_PARAMS`.
+        See `WorkerNode`; the parameters include `FIELD_PARAMS`.
     """
 
     def __init__(self, name, params, hardware_id, **kwargs):
@@ -60,15 +60,15 @@ class SkyBridge(WorkerNode):
         self.every(0.05, self._expose)
 
     def make_source(self, field):
-        """That of the parameters, a `star_field.SkySource`."""
+        """The source for the parameters, a `star_field.SkySource`."""
         raise NotImplementedError
 
     def activated(self):
-        """Begin with exposures."""
+        """Start exposures."""
         self._source.switch(True)
 
     def deactivated(self):
-        """The exposure under way is the last one."""
+        """Stop after the current exposure."""
         self._source.switch(False)
 
     def _expose(self):
@@ -82,7 +82,7 @@ class SkyBridge(WorkerNode):
         self.log_change(source.why or source.note, 'exposures come')
 
     def problems(self):
-        """No connection, no camera, or a driver that does not know where it looks."""
+        """No connection, no camera, or a driver that does not know its true pointing."""
         source = self._source
         if not self.started:
             return []
@@ -91,6 +91,6 @@ class SkyBridge(WorkerNode):
         return [(DiagnosticStatus.WARN, source.note)] if source.note else []
 
     def details(self):
-        """Exposures without a star, what their time is."""
+        """Number of exposures without a star, and the meaning of the stamp."""
         return [*super().details(), ('exposures without a star', str(self._without)),
                 ('stamp of miss_distance', 'middle of the exposure')]

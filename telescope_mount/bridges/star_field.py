@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a camera on the tube sees of the catalogue, and the source of its exposures."""
+"""Catalogue stars seen by a camera on the tube, and the base class of exposure sources."""
 
 from collections import deque
 
@@ -26,7 +26,7 @@ from pointing_model.sky.star_catalogue import load_catalogue
 from .axes_and_places import axes_at
 from .connection import Reconnection
 
-#: stars that are looked at closer, rad, and when they are chosen anew
+#: radius within which stars are preselected, and motion after which this is repeated, rad
 AROUND, MOVED = 4.0 * DEG, 1.0 * DEG
 
 
@@ -39,14 +39,14 @@ class StarField:
     site : Site
     weather : Weather
     field : float
-        Radius, rad.
+        Radius of the field, rad.
     magnitude : float
-        Faintest star.
+        Magnitude of the faintest star.
     noise : float
-        Of each axis, rad.
+        1-sigma noise of each axis, rad.
     seed : int
     satellite : star_catalogue.SatelliteTarget, optional
-        One more light, brighter than the stars.
+        An additional object, preferred to stars.
     """
 
     def __init__(self, mount, site, weather, field, magnitude=8.0, noise=0.3 * ARCSEC, seed=1,
@@ -57,23 +57,23 @@ class StarField:
         self._near, self._about = None, None
 
     def miss(self, stamp, place, second):
-        """Star minus boresight in the frame of the tube, rad, shape (2,); NaN without a star.
+        """Star - boresight in the frame of the tube, rad, shape (2,); NaN without a star.
 
         Parameters
         ----------
         stamp : int
             ns since 1970.
         place : array_like, shape (2,)
-            Right ascension and declination of date at which the tube looks, rad.
+            Right ascension and declination of date at which the tube points, rad.
         second : float
-            Angle of the second axis, which says whether that is through the pole, rad.
+            Angle of the second axis, which shows whether it points through the pole, rad.
         """
         axes = axes_at(self.mount, *place, stamp * 1e-9, self.site, bool(is_beyond(second)))
         return self.miss_of(stamp * 1e-9, axes,
                             self._noise * np.random.default_rng([self._seed, stamp]).normal(size=2))
 
     def looks_at(self, time, ra, dec, beyond):
-        """Axes of a perfect mount that looks at an ICRS place through the air, rad, shape (2,).
+        """Axes of a perfect mount that points at an ICRS place with refraction, rad, shape (2,).
 
         Parameters
         ----------
@@ -82,23 +82,23 @@ class StarField:
         ra, dec : float
             rad.
         beyond : bool
-            Whether it looks there through the pole.
+            Whether it points there through the pole.
         """
         az, el = icrs_to_observed(np.array([ra]), np.array([dec]), time, self.site, self.weather)
         return np.array(self.mount.on_travel(*self.mount.axes_of(az[0], el[0], beyond)))
 
     def miss_of(self, time, axes, noise=0.0):
-        """As `miss`, of a mount whose perfect axes are `axes` (rad) at a time (s since 1970)."""
+        """Like `miss`, for given perfect axes `axes` (rad) at a time (s since 1970)."""
         forward = self.mount.direction(*map(np.asarray, axes))
         star = self._light(time, forward)
         if star is None:
             return np.full(2, np.nan)
-        # about the boresight, to the right and the top of the tube, whatever its side
+        # relative to the boresight, to the right and top of the tube on both sides of the pier
         right, top = self.mount.tangents(*map(np.asarray, axes))
         return np.array([star @ right, star @ top]) / (star @ forward) + noise
 
     def _light(self, time, forward):
-        """Direction of what is measured, shape (3,); None: there is nothing in the field."""
+        """Direction of the measured object, shape (3,); None if the field is empty."""
         if self._satellite is not None:
             place = self._satellite.place(np.array([time]), self.site, self.weather)
             direction = ALTAZ.direction(*place)[:, 0]
@@ -118,7 +118,7 @@ class StarField:
 
 
 class SkySource:
-    """Finds what it needs, in its own thread.
+    """Finds its devices in its own thread.
 
     Parameters
     ----------
@@ -129,13 +129,13 @@ class SkySource:
     Attributes
     ----------
     on : bool
-        Whether exposures are wanted; a camera is left alone where not.
+        Whether exposures are wanted; otherwise a camera is not used.
     exposures : deque of (int, ndarray)
         Stamp (ns) and miss distance (rad; NaN: no star) of each exposure.
     why : str
-        What is missing; '' while all is well.
+        What is missing; '' if nothing.
     note : str
-        What is odd, though exposures come.
+        Warning, although there are exposures.
     """
 
     def __init__(self, field, where):
@@ -152,19 +152,19 @@ class SkySource:
         self._reconnection.close()
 
     def switch(self, on):
-        """Begin with exposures, or end with them."""
+        """Start or stop exposures."""
         self.on = on
         self.exposures.clear()
         self._reconnection.wake()
 
     def take_axes(self, second):
-        """Angle of the second axis, rad, for who does not hear it itself."""
+        """Take the angle of the second axis, rad, for sources that do not receive it themselves."""
 
     def lose(self):
-        """The connection is lost."""
+        """Called when the connection is lost."""
 
     def work(self):
-        """Find what is needed, and with a camera: expose; BridgeError where that fails."""
+        """Find the devices, and with a camera expose; BridgeError on failure."""
         raise NotImplementedError
 
     def _failed(self, why):

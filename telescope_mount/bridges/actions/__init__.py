@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bridge to the actions of ROS, whose types are built apart: telescope_mount_msgs."""
+"""Bridge to ROS actions, whose types are built separately: telescope_mount_msgs."""
 
-#: the package of the types, and how it is built where the sources are in src/telescope_mount: in a
-#: package colcon looks for no other
+#: package of the types, and how to build it if the sources are in src/telescope_mount: colcon does
+#: not search for packages within a package
 TYPES = 'telescope_mount_msgs'
 BUILD = f'colcon build --base-paths src/telescope_mount/msg_tools --packages-select {TYPES}'

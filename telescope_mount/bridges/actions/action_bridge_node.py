@@ -14,8 +14,8 @@
 
 """Offers a plan, a homing and a diagnosis as actions: Observe, Home, Diagnose.
 
-Their types are built, by the package telescope_mount_msgs; nothing else needs it. What a goal asks
-for goes to the services of the graph, and their topics give feedback and result.
+Their types must be built, with the package telescope_mount_msgs; nothing else needs it. Goals are
+passed to the services of the graph, whose topics give feedback and result.
 """
 
 import json
@@ -48,12 +48,12 @@ PARAMS = (
     Param('give_up_s', 30.0, 'wall time without observer or calibration after which a goal is '
           'given up [s]', 1.0, 86400.0),
 )
-#: s from the match on in which a latched message comes: one of a goal before is known then
+#: s after a match within which a latched message arrives: then any previous goal is known
 LATCHED_WITHIN = 1.0
 
 
 def built_types():
-    """Modules `action` and `msg` of the types; BadInput where they are not built."""
+    """Modules `action` and `msg` of the types; BadInput if they are not built."""
     try:
         return tuple(import_module(f'{TYPES}.{part}') for part in ('action', 'msg'))
     except ImportError as err:
@@ -62,7 +62,7 @@ def built_types():
 
 
 class ActionOffer(NamedTuple):
-    """An action: its type; what it hears and whom it asks; how a goal begins, runs, is cancelled.
+    """An action: its type, subscriptions and service client, and callbacks.
 
     `begin` and `run` are callbacks of an action server; `cancels` is the client of a service.
     """
@@ -76,14 +76,14 @@ class ActionOffer(NamedTuple):
 
 
 class ActionBridge(MountNode):
-    """Action servers in front of star observer and calibration."""
+    """Action servers for star observer and calibration."""
 
     def __init__(self, **kwargs):
         super().__init__('action_bridge', PARAMS, hardware_id='actions', **kwargs)
         self._actions, self._messages = built_types()
         self._waits = []  # condition, until when (wall s), Future
-        self._goal_known = None  # the last on observer/plan/status
-        self._plan = self._diagnosis = None  # of the goal under way
+        self._goal_known = None  # last goal on observer/plan/status
+        self._plan = self._diagnosis = None  # of the current goal
         self._tell = lambda: None  # sends the feedback of the plan
         self._plan_client = self.create_client(SetParametersAtomically, 'star_observer/plan')
         cancel_plan, self._diagnosis_client, cancel_diagnosis = (
@@ -118,7 +118,7 @@ class ActionBridge(MountNode):
     # --- the actions --------------------------------------------------------------------------
 
     def _offer(self):
-        """Offer an action once who does it is there, and what it has latched has come."""
+        """Offer an action once its service is there and its latched messages have arrived."""
         now = time.monotonic()
         for name in self._offers.keys() - self._servers:
             offer = self._offers[name]
@@ -133,7 +133,7 @@ class ActionBridge(MountNode):
                     callback_group=ReentrantCallbackGroup())
 
     def _refuse(self, name, why):
-        """The line of a goal that is not accepted: an action has no place for it."""
+        """Log the reason for rejecting a goal, since an action cannot transmit it."""
         self.get_logger().warning(f'{name}: goal refused: {why}')
         return GoalResponse.REJECT
 
@@ -142,7 +142,7 @@ class ActionBridge(MountNode):
         return CancelResponse.ACCEPT
 
     async def _cancel(self, client, handle):
-        """Until the goal is over: what it asked for may not have begun."""
+        """Repeat cancelling until the goal has ended, since its work may not have started yet."""
         try:
             while handle.is_active:
                 await self._ask(client)
@@ -264,7 +264,7 @@ class ActionBridge(MountNode):
     # --- what is waited for -------------------------------------------------------------------
 
     async def _ask(self, client, request=None, effect=lambda: False):
-        """The answer of a service; None where that was lost, and `effect` shows that it was done.
+        """Answer of a service; None if it was lost but `effect` shows that it was executed.
 
         Raises
         ------
@@ -279,7 +279,7 @@ class ActionBridge(MountNode):
         return question.answer
 
     async def _until(self, condition, seconds=math.inf):
-        """Wait for a condition, so long at most; whether it holds."""
+        """Wait for a condition, at most so long; return whether it holds."""
         future = Future()
         self._waits.append((condition, time.monotonic() + seconds, future))
         self._look()
@@ -299,7 +299,7 @@ class ActionBridge(MountNode):
                 self._waits.append((condition, end, future))
 
     def waiting_for(self):
-        """Actions that nobody does."""
+        """Includes actions whose services are missing."""
         return super().waiting_for() + [
             f'{offer.asks.srv_name}, to offer the action {name}'
             for name, offer in self._offers.items() if name not in self._servers]

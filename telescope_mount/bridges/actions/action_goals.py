@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What goals of actions ask for, and the fields of their feedback and results; without ROS.
+"""Goals of actions, and the fields of their feedback and results; without ROS.
 
 The fields are those of the interface files in `msg_tools/telescope_mount_msgs`.
 """
@@ -25,17 +25,17 @@ from msg_tools.units import ARCSEC
 from ...observing.plan import VERBS, PlanStep, check_verb, goal_uuid
 
 _MINUTE, _HOUR = 60.0, 3600.0
-#: numbers of a state from which on a goal is over, and of one that was cancelled
+#: states: goals from the first on have ended; cancelled; failed
 _SUCCEEDED, _CANCELLED, _FAILED = 4, 5, 6
 
 
 def plan_step(step):
-    """The step of a plan that a typed one is.
+    """Convert a typed step to a step of a plan.
 
     Parameters
     ----------
     step
-        With the fields of PlanStep.msg: ``verb``, ``count``, ``error`` (rad), ``duration`` (s),
+        Has the fields of PlanStep.msg: ``verb``, ``count``, ``error`` (rad), ``duration`` (s),
         ``names``.
 
     Returns
@@ -46,7 +46,7 @@ def plan_step(step):
     Raises
     ------
     ValueError
-        A verb that is none, an argument that it does not take, or a duration that no plan can say.
+        An unknown verb, an argument that it does not take, or a duration that plans cannot express.
     """
     verb = step.verb
     check_verb(verb)
@@ -62,7 +62,7 @@ def plan_step(step):
 
 
 def _whole(step, unit):
-    """How often `unit` (s) is in the duration of a step."""
+    """Duration of a step in multiples of `unit` (s)."""
     count = step.duration / unit
     if not (math.isfinite(count) and count == round(count)):
         raise ValueError(f'plan step {step.verb}: a duration of {step.duration:g} s is no '
@@ -71,24 +71,24 @@ def _whole(step, unit):
 
 
 class GoalPlan:
-    """What becomes of a plan that a goal has asked for, by what the observer publishes.
+    """Follows the plan of a goal by the observer's messages.
 
     Parameters
     ----------
     plan : str
     before : bytes or None
-        Of the last goal on `observer/plan/status` before it was asked for.
+        Id of the last goal on `observer/plan/status` before the request.
 
     Attributes
     ----------
     begun : bool
-        Whether the observer has taken it up.
+        Whether the observer has started it.
     replaced : bool
-        Whether the observer follows another plan since.
+        Whether the observer has replaced it by another plan.
     known : bool
-        Whether anything has been published of it.
+        Whether anything has been published about it.
     fields : dict
-        Those of PlanProgress.msg.
+        Fields of PlanProgress.msg.
     """
 
     def __init__(self, plan, before):
@@ -97,40 +97,40 @@ class GoalPlan:
         self.fields, self._state = _fields(Progress(), 0, ''), 0
 
     def take_goal(self, number, stamp, state):
-        """The goal on `observer/plan/status`: its UUID (bytes), its stamp (int, ns), its state."""
+        """Take a goal on `observer/plan/status`: its UUID (bytes), stamp (int, ns), and state."""
         if number == self._before:
             return
-        if number == goal_uuid(stamp, self.plan).bytes:  # also of an observer that was restarted
+        if number == goal_uuid(stamp, self.plan).bytes:  # even if the observer was restarted
             self.begun, self._state = True, state
         elif self.begun:
             self.replaced = True
 
     def take_progress(self, progress, state, text):
-        """As on `observer/status`: a `Progress`, the number of its state, and the sentence.
+        """Take `observer/status`: a `Progress`, the number of its state, and the sentence.
 
         Raises
         ------
         ValueError
-            A number that a field cannot hold.
+            A number does not fit its field.
         """
         if progress.plan == self.plan:
             self.known, self.fields = True, _fields(progress, state, text)
 
     @property
     def over(self):
-        """Whether it has ended, and how is known."""
+        """Whether it has ended with a known result."""
         ended = self.begun and self._state >= _SUCCEEDED and self.fields['state'] == self._state
         return ended or self.replaced
 
     def end(self, cancelled, silence):
-        """How its goal ends: the name of a method of its handle; `fields` are the result then.
+        """Method of the goal's handle by which it ends; afterwards `fields` are the result.
 
         Parameters
         ----------
         cancelled : bool
-            Whether that was requested of the goal: what others cancel is aborted.
+            Whether the goal was asked to cancel: plans cancelled by others are aborted.
         silence : str
-            What is said where it is not over: nobody knows how it went on.
+            Message if the plan has not ended and its progress is unknown.
         """
         if self.replaced or not self.over:
             self.fields |= {'state': _FAILED, 'message': (
@@ -148,7 +148,7 @@ def _fields(progress, state, text):
 
 
 def counted(fields):
-    """`fields`; ValueError where a number is none that its type holds, which ends a process."""
+    """Return `fields`; ValueError if a number does not fit its type, which ends a process."""
     for name, value in fields.items():
         low, high = (-2**31, 2**31) if name == 'run' else (0, 2**32)
         if isinstance(value, int) and not low <= value < high:
@@ -162,19 +162,19 @@ def diagnosis_fields(document, message):
     Parameters
     ----------
     document : dict
-        On `diagnosis`.
+        Document on `diagnosis`.
     message : str
-        What was found.
+        Result in words.
 
     Returns
     -------
     dict
-        In ``effects`` dicts with the fields of Effect.msg.
+        ``effects`` contains dicts with the fields of Effect.msg.
 
     Raises
     ------
     ValueError
-        It is no such document.
+        Not such a document.
     """
     try:
         before, after = document['before'], document['after']

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A mount of an Alpaca server as the graph knows mounts."""
+"""A mount of an Alpaca server with the interface of the graph."""
 
 import threading
 import time
@@ -28,25 +28,25 @@ from ..dead_man import ALPACA, DeadMan
 from ..goto_mount import GotoMount, Tick
 from .alpaca_telescope import AlpacaError, AlpacaTelescope
 
-#: s: a mount whose sidereal time is farther off goes elsewhere than the guard has judged
+#: s: with a larger error of its sidereal time a mount leaves the path that the guard has checked
 CLOCK_OFF = 60.0
 
 
 class AlpacaDriver(GotoMount):
-    """`GotoMount` of an Alpaca server, which has to be asked for everything.
+    """`GotoMount` of an Alpaca server, which must be polled for everything.
 
     Parameters
     ----------
     host, port, number
-        As of `AlpacaTelescope`.
+        See `AlpacaTelescope`.
     mount, site, tolerance, retry
-        As of `GotoMount`.
+        See `GotoMount`.
     set_site : bool
-        Whether the driver is sent the site.
+        Whether to send the site to the driver.
     period : float
-        Between two questions, s.
+        Polling interval, s.
     dead_man : bool
-        Whether its own process stops the mount where this one dies.
+        Whether a separate process stops the mount if this one dies.
     """
 
     def __init__(self, host, port, mount, site, number=0, tolerance=1.5e-5, set_site=True,
@@ -58,11 +58,11 @@ class AlpacaDriver(GotoMount):
         self._poller = threading.Thread(target=self._poll, daemon=True)
 
     def open(self):
-        """Begin to ask."""
+        """Start polling."""
         self._poller.start()
 
     def shut(self):
-        """End asking."""
+        """Stop polling."""
         self._over.set()
         self._poller.join(6.0)
 

@@ -37,7 +37,7 @@ class AlpacaMount(MountBridge):
         super().__init__('alpaca_mount', PARAMS, 'mount of an Alpaca server', **kwargs)
 
     def make_driver(self, mount):
-        """That of the parameters."""
+        """The driver for the parameters."""
         value = self.value
         return AlpacaDriver(
             value('host'), value('port'), mount, sky_of(self)[0], value('number'),

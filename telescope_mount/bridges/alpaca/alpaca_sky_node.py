@@ -33,6 +33,6 @@ class AlpacaSky(SkyBridge):
         super().__init__('alpaca_sky', PARAMS, 'what an Alpaca mount sees', **kwargs)
 
     def make_source(self, field):
-        """That of the parameters."""
+        """The source for the parameters."""
         value = self.value
         return AlpacaStars(value('host'), value('port'), value('number'), field, value('rate_hz'))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where `alpaca_sky` gets the sky that is seen from: a simulator."""
+"""Source of exposures for `alpaca_sky`: a simulator."""
 
 from msg_tools.node import Param
 
@@ -22,15 +22,15 @@ from .alpaca_telescope import AlpacaTelescope
 
 
 class AlpacaStars(SkySource):
-    """A simulator that tells where it truly looks, when it is asked.
+    """A simulator that reports its true pointing on request.
 
     Parameters
     ----------
     host, port, number
-        As of `alpaca_telescope.AlpacaTelescope`.
+        See `alpaca_telescope.AlpacaTelescope`.
     field : star_field.StarField
     rate : float
-        Exposures a second.
+        Exposures per second.
     """
 
     def __init__(self, host, port, number, field, rate=2.0):
@@ -38,7 +38,7 @@ class AlpacaStars(SkySource):
         self._server, self._rate = (host, port, number), rate
 
     def work(self):
-        """Ask, until nobody answers or nobody wants it."""
+        """Poll until there is no answer, or exposures are no longer wanted."""
         telescope = AlpacaTelescope(*self._server)
         telescope.knows_where_it_looks()
         self.why = ''

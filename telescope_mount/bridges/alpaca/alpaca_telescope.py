@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A telescope of an ASCOM Alpaca server: its properties in SI, asked for again and again.
+"""A telescope of an ASCOM Alpaca server: its properties in SI, by polling.
 
-alpyca speaks the protocol. It is slewed, tracked and stopped, and never synchronised: that would
-move the zero that is to be measured.
+alpyca implements the protocol. The telescope is slewed, tracked and stopped, but never
+synchronised: that would move the zero that is to be measured.
 """
 
 import contextlib
@@ -30,33 +30,33 @@ from ..connection import BridgeError
 
 #: AlignmentMode -> `pointing_model.mounts.KINDS`
 KINDS = {0: 'altaz', 1: 'equatorial', 2: 'german'}
-#: EquatorialSystem of places of date; 0 is 'other', of drivers that do not care
+#: EquatorialSystem values of places of date; 0 is 'other', of unspecific drivers
 OF_DATE = (0, 1)
-#: SideOfPier: pierEast looks west, as without going through the pole; -1 is unknown
+#: SideOfPier: pierEast points west, without going through the pole; -1 is unknown
 SIDES = {0: 'pierEast', 1: 'pierWest'}
-#: what is requested at each tick
+#: properties polled at each tick
 POLLED = ('RightAscension', 'Declination', 'Slewing', 'Tracking', 'SideOfPier', 'AtPark')
-#: action of the simulator here: right ascension and declination of date at which its tube looks,
+#: action of our simulator: right ascension and declination of date at which its tube points,
 #: and the angle of its second axis, rad
 TRUE_PLACE = 'TelescopeMount:TruePlace'
-#: a place that is older is none, s
+#: age from which a place is not used, s
 OLD = 1.0
 
 
 class AlpacaError(BridgeError):
-    """The server or the driver did not do what it was asked; the text is one line."""
+    """The server or the driver did not do what was requested; the text is one line."""
 
 
 @contextlib.contextmanager
 def _asking(what):
-    """Errors of alpyca, and of the connection, as one line."""
+    """Converts errors of alpyca and of the connection to one line."""
     try:
         import requests
         from alpaca import exceptions
     except ImportError:
         raise AlpacaError('the bridge to Alpaca needs the package alpyca: '
                           './install.sh ros,alpaca') from None
-    # one of the package for each number of ASCOM's
+    # alpyca has one exception class per ASCOM error number
     theirs = tuple(value for value in vars(exceptions).values()
                    if isinstance(value, type) and issubclass(value, Exception))
     try:
@@ -69,7 +69,7 @@ def _asking(what):
 
 
 class Unanswered(AlpacaError):
-    """Nobody answers: the connection is lost."""
+    """There is no answer: the connection is lost."""
 
 
 class AlpacaTelescope:
@@ -80,10 +80,10 @@ class AlpacaTelescope:
     host : str
     port : int
     number : int
-        Of the device on the server.
+        Number of the device on the server.
     """
 
-    #: the protocol gives no axis angles, and the rates that it has are left alone
+    #: the protocol has no axis angles, and its rates are not used
     has_axes, believed, axes, takes_rates = False, True, None, False
 
     def __init__(self, host, port, number=0):
@@ -92,10 +92,10 @@ class AlpacaTelescope:
             self._device = Telescope(f'{host}:{port}', number)
         self.device = f'telescope {number} of {host} port {port}'
         self._state, self._received = {}, 0
-        self._at_once = True  # the server gives all of it in one answer
+        self._at_once = True  # whether the server gives all properties in one answer
 
     def ask(self, name, default=None):
-        """A property; `default` where the driver does not have it."""
+        """Value of a property; `default` if the driver does not have it."""
         try:
             with _asking(f'{self.device}, {name}'):
                 return getattr(self._device, name)
@@ -112,23 +112,23 @@ class AlpacaTelescope:
             setattr(self._device, name, value)
 
     def call(self, name, *args):
-        """Call a method; what it answers."""
+        """Call a method; return its answer."""
         with _asking(f'{self.device}, {name}'):
             return getattr(self._device, name)(*args)
 
     def true_place(self):
-        """Where a simulator's tube looks, right ascension, declination and second axis, rad.
+        """True pointing of a simulator: right ascension, declination and second axis, rad.
 
         Returns
         -------
         stamp : int
-            ns, in the middle of the question.
+            ns, middle of the request.
         ndarray, shape (3,)
 
         Raises
         ------
         AlpacaError
-            It is no simulator that gives it.
+            It is not such a simulator.
         """
         before = time.time_ns()
         text = self.call('Action', TRUE_PLACE, '')
@@ -136,11 +136,11 @@ class AlpacaTelescope:
 
     @property
     def is_simulator(self):
-        """Whether it tells where it truly looks."""
+        """Whether it reports its true pointing."""
         return TRUE_PLACE in self.ask('SupportedActions', [])
 
     def knows_where_it_looks(self):
-        """Raise AlpacaError where the position that it reports is what it believes."""
+        """Raise AlpacaError if the position that it reports is only its estimate."""
         if not self.is_simulator:
             raise AlpacaError(f'{self.device} reports what it believes, not what is seen: start a '
                               'camera of your own that publishes camera/miss_distance, and leave '
@@ -149,7 +149,7 @@ class AlpacaTelescope:
     # --- its state ----------------------------------------------------------------------------
 
     def poll(self):
-        """Ask for its state; ns, in the middle of the question.
+        """Poll its state; ns, middle of the request.
 
         Raises
         ------
@@ -176,12 +176,12 @@ class AlpacaTelescope:
 
     @property
     def kind(self):
-        """Kind of mount, '' where it does not say."""
+        """Kind of mount, '' if it is not reported."""
         return KINDS.get(int(self.ask('AlignmentMode', -1)), '')
 
     @property
     def site(self):
-        """Latitude and longitude, rad, and height, m; None where it does not say."""
+        """Latitude and longitude, rad, and height, m; None if not reported."""
         try:
             return (self.ask('SiteLatitude') * DEG, float(wrap(self.ask('SiteLongitude') * DEG)),
                     float(self.ask('SiteElevation', 0.0)))
@@ -192,37 +192,37 @@ class AlpacaTelescope:
 
     @property
     def parked(self):
-        """Whether it says so."""
+        """Whether it reports to be parked."""
         return bool(self._state.get('AtPark', False))
 
     @property
     def slewing(self):
-        """Whether it is under way."""
+        """Whether it is moving."""
         return bool(self._state.get('Slewing', False))
 
     @property
     def tracks(self):
-        """Whether it says that it follows the sky."""
+        """Whether it reports to track the sky."""
         return self._state.get('Tracking')
 
     @property
     def taken_up(self):
-        """When it was received last that it follows the sky, ns; 0 where it does not."""
+        """Time of the last report that it tracks, ns; 0 if it does not track."""
         return self._received if self.tracks else 0
 
     @property
     def side(self):
-        """Side of the pier by ASCOM's name, '' where it does not say."""
+        """Side of the pier by ASCOM's name, '' if not reported."""
         return SIDES.get(int(self._state.get('SideOfPier', -1)), '')
 
     @property
     def beyond(self):
-        """Whether it says that it looks through the pole; None where it does not say."""
+        """Whether it reports to point through the pole; None if not reported."""
         return {'pierWest': True, 'pierEast': False}.get(self.side)
 
     @property
     def place(self):
-        """Right ascension and declination of date, rad, and when; None where they are old."""
+        """Right ascension and declination of date, rad, and their time; None if they are old."""
         if time.time_ns() - self._received > OLD * 1e9:
             return None
         return np.array([self._state['RightAscension'] * HOUR,
@@ -231,17 +231,17 @@ class AlpacaTelescope:
     # --- orders -------------------------------------------------------------------------------
 
     def connect(self):
-        """Have the server connect to the mount."""
+        """Let the server connect to the mount."""
         if not self.ask('Connected'):
             self.set('Connected', True)
 
     def prepare(self, site=None):
-        """Make it ready to be pointed: connected, standing, not parked.
+        """Make it ready to be pointed: connected, at rest, not parked.
 
         Parameters
         ----------
         site : Site, optional
-            To be set in the driver.
+            Site to set in the driver.
         """
         self.connect()
         system = int(self.ask('EquatorialSystem', 0))
@@ -265,10 +265,10 @@ class AlpacaTelescope:
         if not self.tracks:
             self.set('Tracking', True)
         self.call('SlewToCoordinatesAsync', float(np.mod(ra, 2.0 * np.pi)) / HOUR, dec / DEG)
-        self._state['Slewing'] = True  # until the next tick tells
+        self._state['Slewing'] = True  # until the next tick
 
     def abort(self):
-        """Stop at once, and stand."""
+        """Stop immediately, without tracking."""
         try:
             self.call('AbortSlew')
         finally:

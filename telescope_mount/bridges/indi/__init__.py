@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bridge to mounts that an INDI server drives: protocol and numerics without ROS, thin nodes."""
+"""Bridge to mounts of an INDI server: protocol and computations without ROS, thin nodes."""

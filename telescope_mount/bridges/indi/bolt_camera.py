@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Images of an INDI camera for ``bolts --live``: exposures one by one, with the readings."""
+"""Images of an INDI camera for ``bolts --live``: single exposures with axis readings."""
 
 import tempfile
 import time
@@ -33,33 +33,33 @@ from .indi_telescope import IndiTelescope, find_device
 
 
 def server_of(text):
-    """Host, port and camera of ``indi:HOST[:PORT[:CAMERA]]``; ValueError: it is none."""
+    """Host, port and camera of ``indi:HOST[:PORT[:CAMERA]]``; ValueError for other texts."""
     *server, camera = [*text.split(':', 3), ''][:4]
     return *parse_address(':'.join(server)), camera
 
 
 class BoltCamera:
-    """A camera of an INDI server beside the mount that carries it.
+    """A camera of an INDI server that also has its mount.
 
     Parameters
     ----------
     where : str
-        As of `server_of`.
+        See `server_of`.
     exposure : float
-        s.
+        Exposure time, s.
     solve : callable
         ``solve(path)`` -> `PlateSolution`, sigma in arcsec or NaN; raises NotSolved.
     place : callable
         ``place(solution, sigma, time, first, second, site, name)`` -> `image_alignment.Image`.
     site : dict
-        ``latitude``, ``longitude`` in degrees and ``height``, where they are given, in place of
-        what the driver has.
+        ``latitude``, ``longitude`` in degrees and ``height``, if given; they replace those of
+        the driver.
 
     Attributes
     ----------
     site : Site
     kind : str
-        Of the mount, '' where the driver does not say.
+        Kind of mount, '' if the driver does not report it.
     """
 
     def __init__(self, where, exposure, solve, place, site):
@@ -96,7 +96,7 @@ class BoltCamera:
         self._client.close()
 
     def new_images(self):
-        """One exposure, as `live_bolts.LiveFolder.new_images`; none while the mount slews."""
+        """One exposure, like `live_bolts.LiveFolder.new_images`; none while the mount slews."""
         if self._telescope.slewing:
             return
         image = self._camera.expose(self._exposure)
@@ -115,14 +115,14 @@ class BoltCamera:
             yield name, came, None, str(error)
 
     def _readings(self, moment):
-        """Hour angle and declination that the mount reported, rad, at a moment."""
+        """Hour angle and declination reported by the mount, rad, at a moment."""
         telescope = self._telescope
         if telescope.has_axes:
             return telescope.axes[0].tolist()
         if telescope.place is None:
             raise IndiError(f'{telescope.device} does not report its position')
         (ra, dec), received = telescope.place
-        # of a mount that stands the right ascension is that of its last report
+        # the right ascension of a mount at rest belongs to the time of its last report
         at = moment if telescope.tracks else received * 1e-9
         hour = float(wrap(sidereal_time(np.array([at]), self.site)[0] - ra))
         if telescope.beyond:

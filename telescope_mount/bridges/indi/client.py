@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One connection to an INDI server, kept up by its own thread.
+"""A connection to an INDI server, maintained by its own thread.
 
-indipyclient speaks the protocol and connects again after a connection was lost. Here are what a
-caller from another thread needs: the last values of each property, a wait with a limit, and errors
+indipyclient implements the protocol and reconnects after a loss. This module adds what callers
+from other threads need: the last values of each property, waiting with a time limit, and errors
 of one line.
 """
 
@@ -29,21 +29,21 @@ from dataclasses import dataclass
 
 from ..connection import BridgeError
 
-#: s without a word after which a server is asked, and as much again after which it is lost
+#: s of silence after which a server is polled, and the same again until it counts as lost
 SILENCE = 2
-#: s between looks at whether the server has closed the connection, and before one is tried again
+#: s between checks whether the server has closed the connection, and before reconnecting
 LOOK, AGAIN = 0.1, 0.5
-#: s to wait for a property unless stated otherwise
+#: s to wait for a property by default
 PATIENCE = 10.0
 
 
 class IndiError(BridgeError):
-    """The server or the driver did not do what it was asked; the text is one line."""
+    """The server or the driver did not do what was requested; the text is one line."""
 
 
 @dataclass(frozen=True)
 class Vector:
-    """The last values of a property.
+    """Last values of a property.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Vector:
     state : str
         ``Idle``, ``Ok``, ``Busy`` or ``Alert``.
     received : int
-        When it came, ns since 1970 by the clock of this machine.
+        Time of reception, ns since 1970 by the clock of this machine.
     """
 
     values: dict
@@ -73,11 +73,11 @@ class IndiClient:
     host : str
     port : int
     update : callable, optional
-        ``update(device, name, vector)``, in the thread of the connection, as a property comes.
+        ``update(device, name, vector)``, in the thread of the connection, for each property.
     connection : callable, optional
-        ``connection(up)``: as it is made or lost.
+        ``connection(up)``: called when it is made or lost.
     blob : callable, optional
-        ``blob(device, values, formats)``: bytes and their format by name, as images come that
+        ``blob(device, values, formats)``: bytes and their formats by name, for images that
         `enable_blobs` has requested.
 
     Attributes
@@ -93,7 +93,7 @@ class IndiClient:
                             './install.sh ros,indi') from None
         logger = logging.getLogger('indipyclient')
         logger.addHandler(logging.NullHandler())
-        # what it logs is reported here in other ways, and by the callers
+        # its log messages are reported here in other ways, and by the callers
         logger.propagate = False
         self.host, self.port = host, port
         self.connected = self._closed = False
@@ -107,13 +107,13 @@ class IndiClient:
             async def rxevent(self, event):
                 vector = getattr(event, 'vector', None)
                 if vector is not None and vector.timeout is None:
-                    # set without a timeout, as it may be: indipyclient 0.9.4 compares it with
-                    # numbers where an answer is due, fails, and drops the connection for 5 s
+                    # vectors may have no timeout: indipyclient 0.9.4 compares it with numbers when
+                    # an answer is due, fails, and drops the connection for 5 s
                     vector.timeout = 0.0
                 bridge._take(event)
 
             async def hardware(self):
-                # indipyclient notices a closed connection when it next wants to send
+                # indipyclient notices a closed connection only when it sends
                 while not self.stop:
                     await asyncio.sleep(LOOK)
                     reader = getattr(self, '_reader', None)
@@ -131,7 +131,7 @@ class IndiClient:
         self.close()
 
     def start(self):
-        """Begin to connect; returns at once."""
+        """Start to connect; returns immediately."""
         self._thread.start()
 
     def close(self):
@@ -187,15 +187,15 @@ class IndiClient:
                 self._news.notify_all()
 
     def get(self, device, name, default=None):
-        """The `Vector` of a property, `default` if it has not come."""
+        """The `Vector` of a property, `default` if none was received."""
         with self._news:
             return self._vectors.get((device, name), default)
 
     def only(self, what, interface, timeout=PATIENCE):
-        """Name of the one device on the server that is a `what`.
+        """Name of the only `what` on the server.
 
-        Before it is connected it is known by what its driver says of itself: a bit of
-        DRIVER_INTERFACE. IndiError where there is none, or there are several.
+        Before it is connected it is identified by its driver's description: a bit of
+        DRIVER_INTERFACE. IndiError if there is none, or there are several.
         """
         def found():
             return sorted(
@@ -208,21 +208,21 @@ class IndiClient:
         return devices[0]
 
     def wait(self, condition, what, timeout=PATIENCE):
-        """Wait until `condition` gives something true, and return that.
+        """Wait until `condition` returns something true, and return that.
 
         Parameters
         ----------
         condition : callable
-            Asked again whenever something has come.
+            Evaluated again after each message.
         what : str
-            What is waited for, for people.
+            Description of the condition, for people.
         timeout : float
             s.
 
         Raises
         ------
         IndiError
-            It did not come in time.
+            Not fulfilled in time.
         """
         end = time.monotonic() + timeout
         with self._news:
@@ -240,21 +240,21 @@ class IndiClient:
         raise IndiError(f'{what}: not within {timeout:g} s')
 
     def property(self, device, name, timeout=PATIENCE):
-        """As `get`, waiting for it; IndiError where it does not come."""
+        """Like `get`, but waits for the property; IndiError if it does not arrive."""
         return self.wait(lambda: self._vectors.get((device, name)),
                          f'{device} does not send its property {name}', timeout)
 
     def settle(self, device, name, timeout):
-        """Wait until all has come that a driver is defining.
+        """Wait until a driver has defined all its properties.
 
-        INDI marks no end of it. The driver is asked for a property that it has, and does one thing
-        after the other: when the answer is there, so is all that it sent before.
+        INDI does not mark the end of the definitions. The driver is asked for a property that it
+        has, and works sequentially: so its answer follows everything that it sent before.
 
         Parameters
         ----------
         device, name : str
         timeout : float
-            s; a driver that does not answer again is not an error.
+            s; a missing answer is not an error.
         """
         sent = time.time_ns()
         with contextlib.suppress(IndiError, concurrent.futures.TimeoutError):
@@ -267,13 +267,13 @@ class IndiClient:
     # --- what is sent -------------------------------------------------------------------------
 
     def send(self, device, name, **members):
-        """Ask the driver to set a property.
+        """Request the driver to set a property.
 
         Parameters
         ----------
         device, name : str
         **members : float or str
-            By element; those of a number that are left out keep their value.
+            By element; omitted numbers keep their values.
 
         Raises
         ------
@@ -293,11 +293,11 @@ class IndiClient:
             for key, value in members.items()}))
 
     def enable_blobs(self, device):
-        """Have the images of a device sent."""
+        """Request the images of a device."""
         self._await(self._client.send_enableBLOB('Also', device))
 
     def switch(self, device, name, member):
-        """Switch one on."""
+        """Set a switch to on."""
         self.send(device, name, **{member: 'On'})
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A camera of an INDI server: one exposure after the other, and when it was."""
+"""A camera of an INDI server: single exposures and their times."""
 
 import threading
 import time
@@ -27,9 +27,9 @@ from .client import IndiError
 EXPOSURE, VALUE = 'CCD_EXPOSURE', 'CCD_EXPOSURE_VALUE'
 #: bit of DRIVER_INTERFACE of a camera
 CCD = 2
-#: s beyond the exposure in which the image has to come
+#: most s after the exposure until the image arrives
 READOUT = 60.0
-#: clocks of camera and this machine that differ by more are not believed, s
+#: largest plausible difference between the clocks of camera and this machine, s
 LARGEST_OFFSET = 2.0
 
 
@@ -39,11 +39,11 @@ class CameraImage(NamedTuple):
     Attributes
     ----------
     data : bytes
-        Of a FITS file.
+        Content of a FITS file.
     middle : int
-        Of the exposure, ns since 1970.
+        Middle of the exposure, ns since 1970.
     note : str
-        What is odd about its time; '' for nothing.
+        Warning about its time; '' for none.
     """
 
     data: bytes
@@ -57,9 +57,9 @@ class IndiCamera:
     Parameters
     ----------
     client : IndiClient
-        Whose `blob` is `take` of this.
+        Its `blob` must be this camera's `take`.
     device : str
-        Its name; '': the only one on the server.
+        Name of the camera; '': the only one on the server.
     """
 
     def __init__(self, client, device=''):
@@ -67,19 +67,19 @@ class IndiCamera:
         self._came, self._blob = threading.Event(), None
 
     def take(self, device, values, formats):
-        """As `blob` of an `IndiClient`."""
+        """`blob` of an `IndiClient`."""
         if device == self.device:
             for name, data in values.items():
                 self._blob = data, formats[name]
                 self._came.set()
 
     def lose(self):
-        """The connection is lost: no image comes any more."""
+        """Called when the connection is lost: wakes a waiting `expose`."""
         self._blob = None
         self._came.set()
 
     def connect(self):
-        """Have the server connect to it, and send its images here; IndiError where it does not."""
+        """Let the server connect to the camera and send its images; IndiError on failure."""
         client = self.client
         if not self.device:
             self.device = client.only('camera', CCD)
@@ -92,12 +92,12 @@ class IndiCamera:
         client.enable_blobs(self.device)
 
     def expose(self, seconds):
-        """One exposure, a `CameraImage`.
+        """Take one exposure, a `CameraImage`.
 
         Raises
         ------
         IndiError
-            None comes, or it is no FITS image.
+            There is no image, or it is not a FITS image.
         """
         self._came.clear()
         began = time.time_ns()
@@ -115,7 +115,7 @@ class IndiCamera:
 
 
 def _middle(data, began, seconds):
-    """Of the exposure: by the camera's own stamp, where it can be; ns, and what is odd."""
+    """Middle of the exposure, ns, by the camera's own stamp if plausible; and a warning."""
     from astropy.io import fits
     header = fits.getheader(BytesIO(data))
     here = began + round(seconds * 0.5e9)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A mount of an INDI server as the graph knows mounts."""
+"""A mount of an INDI server with the interface of the graph."""
 
 import contextlib
 import time
@@ -23,8 +23,8 @@ from ..goto_mount import GotoMount
 from .client import IndiClient, IndiError
 from .indi_telescope import IndiTelescope, Ticks, check_kind, find_device
 
-#: s in which a driver that was just connected, or told its site, gives its axes anew; one whose
-#: mount stands may tell nothing
+#: s in which a driver that was just connected, or sent its site, reports its axes again; with a
+#: mount at rest it may report nothing
 FRESH = 2.0
 
 
@@ -35,17 +35,17 @@ class MountDriver(GotoMount):
     ----------
     host, port : str, int
     mount, site, tolerance, retry
-        As of `GotoMount`.
+        See `GotoMount`.
     device, axes : str
-        As of `indi_telescope.find_device` and `indi_telescope.IndiTelescope`.
+        See `indi_telescope.find_device` and `indi_telescope.IndiTelescope`.
     set_site : bool
-        Whether the driver is sent the site.
+        Whether to send the site to the driver.
     period_ms : int
-        Of its readings, where it can be told; 0: as it is.
+        Interval of its readings, if it can be set; 0: unchanged.
     dead_man : bool
-        Whether its own process stops the mount where this one dies.
+        Whether a separate process stops the mount if this one dies.
     fresh : float
-        So long, s, axes are waited for that are no relic of before.
+        Longest wait for axes that were measured after the preparation, s.
     """
 
     def __init__(self, host, port, mount, site, device='', axes='', tolerance=1.5e-5,
@@ -57,7 +57,7 @@ class MountDriver(GotoMount):
         self.client = IndiClient(host, port, update=self._ticks, connection=self._connection)
 
     def open(self):
-        """Begin to connect; returns at once."""
+        """Start to connect; returns immediately."""
         self.client.start()
 
     def shut(self):
@@ -80,7 +80,7 @@ class MountDriver(GotoMount):
         self.check(telescope, self._set_site)
         if self._period_ms and telescope.get('POLLING_PERIOD') is not None:
             self.client.send(device, 'POLLING_PERIOD', PERIOD_MS=float(self._period_ms))
-        # told again where it is the same: drivers that have it from a file may not act on it
+        # send an unchanged site too: drivers that have it from a file may not apply it
         telescope.prepare(self.site if self._set_site else None)
         if telescope.has_axes:
             sent = time.time_ns()

@@ -39,7 +39,7 @@ class IndiMount(MountBridge):
         super().__init__('indi_mount', PARAMS, 'mount of an INDI server', **kwargs)
 
     def make_driver(self, mount):
-        """That of the parameters."""
+        """The driver for the parameters."""
         value = self.value
         return MountDriver(
             value('host'), value('port'), mount, sky_of(self)[0], value('device'), value('axes'),

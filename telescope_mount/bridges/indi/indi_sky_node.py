@@ -49,7 +49,7 @@ class IndiSky(SkyBridge):
         super().__init__('indi_sky', PARAMS, 'what an INDI mount sees', **kwargs)
 
     def make_source(self, field):
-        """That of the parameters."""
+        """The source for the parameters."""
         value = self.value
         where = value('host'), value('port'), field
         if not value('camera'):
@@ -64,7 +64,7 @@ class IndiSky(SkyBridge):
                            scale if all(scale) else None)
 
     def check_together(self, values):
-        """Both ends of the scale, the lower one first."""
+        """Both limits of the scale are needed, the lower one first."""
         low, high = (values.get(f'{end}_scale_arcsec', 0.0) for end in ('least', 'greatest'))
         if bool(low) != bool(high) or low > high:
             raise ValueError(f'scale of the images from {low:g} to {high:g} arcsec a pixel: give '

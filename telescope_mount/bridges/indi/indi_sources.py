@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where `indi_sky` gets the sky that is seen from: a simulator, or a camera's plate solves."""
+"""Sources of exposures for `indi_sky`: a simulator, or a camera's plate solves."""
 
 import tempfile
 from pathlib import Path
@@ -30,14 +30,14 @@ from .indi_telescope import IndiTelescope, Ticks, find_device, knows_where_it_lo
 
 
 class IndiSource(SkySource):
-    """As `SkySource`, with a connection to an INDI server.
+    """A `SkySource` with a connection to an INDI server.
 
     Parameters
     ----------
     host, port : str, int
     field : StarField
     **calls
-        As of `client.IndiClient`.
+        See `client.IndiClient`.
     """
 
     def __init__(self, host, port, field, **calls):
@@ -62,16 +62,16 @@ class IndiSource(SkySource):
 
 
 class TrueSky(IndiSource):
-    """A simulator that tells where it truly looks: an exposure at its ticks.
+    """A simulator that reports its true pointing: exposures at its ticks.
 
     Parameters
     ----------
     host, port, field
-        As of `IndiSource`.
+        See `IndiSource`.
     device, axes : str
-        As of `indi_telescope.find_device` and `indi_telescope.IndiTelescope`.
+        See `indi_telescope.find_device` and `indi_telescope.IndiTelescope`.
     rate : float
-        Exposures a second at most.
+        Most exposures per second.
     """
 
     def __init__(self, host, port, field, device='', axes='', rate=2.0):
@@ -81,7 +81,7 @@ class TrueSky(IndiSource):
         self._tick, self._last = None, 0
 
     def lose(self):
-        """Forget what was found."""
+        """Forget the telescope."""
         self.ticks.telescope, self._tick = None, None
 
     def work(self):
@@ -94,7 +94,7 @@ class TrueSky(IndiSource):
             self.ticks.telescope, self.why = telescope, ''
 
     def _take(self, tick):
-        """The place of a tick is known when the next one begins: unchanged, it is not sent."""
+        """Use the previous tick: an unchanged place is not sent, so it is only known afterwards."""
         before, telescope = self._tick, self.ticks.telescope
         self._tick = tick
         if tick.place is not None or before is None or telescope is None or (
@@ -106,17 +106,17 @@ class TrueSky(IndiSource):
 
 
 class SolvedSky(IndiSource):
-    """Plate solves of a camera: one exposure after the other.
+    """Plate solves of a camera's successive exposures.
 
     Parameters
     ----------
     host, port, field
-        As of `IndiSource`.
+        See `IndiSource`.
     camera : str
-        Its name on the server.
+        Name of the camera on the server.
     solver : pointing_model.runs.plate_solves.solvers.Solver
     exposure : float
-        s.
+        Exposure time, s.
     """
 
     def __init__(self, host, port, field, camera, solver, exposure):
@@ -126,15 +126,15 @@ class SolvedSky(IndiSource):
         self._second = None
 
     def lose(self):
-        """No image comes."""
+        """Stop waiting for an image."""
         self.camera.lose()
 
     def take_axes(self, second):
-        """Angle of the second axis, rad: whether the tube looks through the pole."""
+        """Angle of the second axis, rad: shows whether the tube points through the pole."""
         self._second = float(second)
 
     def work(self):
-        """Expose and solve, until something is missing or nobody wants it."""
+        """Expose and solve, until something is missing or exposures are no longer wanted."""
         from pointing_model.runs.plate_solves.solvers import NotSolved
         self.camera.connect()
         self.why = ''

@@ -14,7 +14,7 @@
 
 """A telescope of an INDI server: its properties in SI, its readings tick by tick.
 
-It is slewed, tracked, stopped and parked. It is never synchronised: that would move the zero that
+It is slewed, tracked, stopped and parked, but never synchronised: that would move the zero that
 is to be measured.
 """
 
@@ -30,21 +30,21 @@ from ..goto_mount import Tick
 from .client import PATIENCE, IndiError, Vector
 
 PLACE, TRUE_PLACE, AXES = 'EQUATORIAL_EOD_COORD', 'EQUATORIAL_PE', 'MOUNT_AXES'
-#: of an alt-azimuth mount, where it reports that it looks, degrees
+#: position reported by an alt-azimuth mount, degrees
 HORIZONTAL = 'HORIZONTAL_COORD'
 PARK, ABORT, TRACK = 'TELESCOPE_PARK', 'TELESCOPE_ABORT_MOTION', 'TELESCOPE_TRACK_STATE'
 ON_SET, SITE, SIDE = 'ON_COORD_SET', 'GEOGRAPHIC_COORD', 'TELESCOPE_PIER_SIDE'
 RATE, KIND, CLOCK, CONNECTION = 'TELESCOPE_SLEW_RATE', 'MOUNT_TYPE', 'TIME_UTC', 'CONNECTION'
 MODE, RATES, CUSTOM = 'TELESCOPE_TRACK_MODE', 'TELESCOPE_TRACK_RATE', 'TRACK_CUSTOM'
-#: programs that simulate one: that of INDI, and one of `examples/simulated_servers`
+#: simulators: that of INDI, and one of `examples/simulated_servers`
 SIMULATOR, TWO_AXES = 'indi_simulator_telescope', 'two_axes'
 #: bit of DRIVER_INTERFACE of a telescope
 TELESCOPE = 1
-#: what a driver calls a kind of mount -> `pointing_model.mounts.KINDS`
+#: kind of mount by the driver's name -> `pointing_model.mounts.KINDS`
 KINDS = {'ALTAZ': 'altaz', 'EQ_FORK': 'equatorial', 'EQ_GEM': 'german'}
-#: readings that come within so much of each other are of one tick, ns: a driver sends them at once
+#: largest time between readings of one tick, ns: a driver sends them at once
 TICK = 30_000_000
-#: s that a driver has to tell the rest of its properties, once it tells where it looks
+#: s in which a driver sends the rest of its properties after its position
 SETTLING = 2.0
 
 
@@ -55,7 +55,7 @@ def find_device(client, wanted='', timeout=PATIENCE):
     ----------
     client : IndiClient
     wanted : str
-        Its name; '': the only one that is there.
+        Name of the telescope; '': the only one.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def _driver(telescope):
 
 
 def check_kind(telescope, kind):
-    """Raise IndiError where a driver of an alt-azimuth mount tells axes of another one."""
+    """Raise IndiError if the driver of an alt-azimuth mount reports other axes."""
     if kind == 'altaz' and _driver(telescope) == SIMULATOR:
         raise IndiError(f'{telescope.device} is set to ALTAZ, but its axes are hour angle and '
                         'declination: set its MOUNT_TYPE to EQ_FORK or EQ_GEM. For an alt-azimuth '
@@ -86,7 +86,7 @@ def check_kind(telescope, kind):
 
 
 def knows_where_it_looks(telescope):
-    """Raise IndiError where the position that a driver reports is what it believes."""
+    """Raise IndiError if the position that a driver reports is only its estimate."""
     if telescope.get(TRUE_PLACE) is None and not is_simulator(telescope):
         raise IndiError(f'{telescope.device} reports what it believes, not what is seen: start a '
                         'camera of your own that publishes camera/miss_distance, and leave '
@@ -101,11 +101,11 @@ class IndiTelescope:
     client : IndiClient
         Connected or about to be.
     device : str
-        As of `find_device`.
+        See `find_device`.
     axes : str
-        Property with the axis angles and its two elements, degrees, ``NAME:FIRST,SECOND``; ''
-        for `AXES` where the driver has it, of an alt-azimuth mount `HORIZONTAL`, else the place
-        that it reports.
+        Property with the axis angles and its two elements, degrees, ``NAME:FIRST,SECOND``; '':
+        `AXES` if the driver has it, `HORIZONTAL` for an alt-azimuth mount, else the position that
+        it reports.
     altaz : bool
         Whether it is an alt-azimuth mount.
     """
@@ -123,44 +123,44 @@ class IndiTelescope:
     # --- its state ----------------------------------------------------------------------------
 
     def get(self, name):
-        """A `Vector`, None where it has not come."""
+        """A `Vector`, None if none was received."""
         return self.client.get(self.device, name)
 
     def last(self, name):
-        """A `Vector`, without values where it has not come."""
+        """A `Vector`, without values if none was received."""
         return self.client.get(self.device, name, Vector({}))
 
     def connect(self, timeout=PATIENCE):
-        """Have the server connect to the mount, and hear all that its driver defines.
+        """Let the server connect to the mount, and receive all properties of its driver.
 
-        IndiError where it does not.
+        Raises IndiError on failure.
         """
         state = self.client.property(self.device, CONNECTION, timeout)
         if state.on != 'CONNECT':
             self.client.switch(self.device, CONNECTION, 'CONNECT')
         self.client.wait(lambda: self.get(CONNECTION).on == 'CONNECT' and self.get(PLACE),
                          f'{self.device} does not connect to its mount', timeout)
-        # what kind of mount it is, where it stands, its axes: some of it may be on its way
+        # its kind, site and axes may not have arrived yet
         self.client.settle(self.device, CONNECTION, SETTLING)
 
     @property
     def has_axes(self):
-        """Whether it tells axis angles: encoders, or what its driver takes for them."""
+        """Whether it reports axis angles: of encoders, or the driver's estimates."""
         return self.get(self._axes_property) is not None
 
     @property
     def believed(self):
-        """Whether its axes are those of the position that it reports, with its own model in it."""
+        """Whether its axes are those of its reported position, which include its own model."""
         return self._reported or not self.has_axes
 
     @property
     def kind(self):
-        """Kind of mount where the driver says, else ''."""
+        """Kind of mount if the driver reports it, else ''."""
         return KINDS.get(self.last(KIND).on, '')
 
     @property
     def site(self):
-        """Latitude and longitude, rad, and height, m, as the driver has them; None if not."""
+        """Latitude and longitude, rad, and height, m, set in the driver; None if not reported."""
         values = self.last(SITE).values
         if not values:
             return None
@@ -168,44 +168,44 @@ class IndiTelescope:
 
     @property
     def parked(self):
-        """Whether it says so."""
+        """Whether it reports to be parked."""
         return self.last(PARK).on == 'PARK'
 
     @property
     def tracks(self):
-        """Whether it says that it follows the sky; None where it does not say."""
+        """Whether it reports to track the sky; None if not reported."""
         track = self.get(TRACK)
         return None if track is None else track.on == 'TRACK_ON'
 
     @property
     def taken_up(self):
-        """When it said last that it follows the sky, ns; 0 where it says that it does not."""
+        """Time of the last report that it tracks, ns; 0 if it reports not to track."""
         track = self.last(TRACK)
         return track.received if track.on == 'TRACK_ON' else 0
 
     @property
     def takes_rates(self):
-        """Whether its axes can be told at which rates to track."""
+        """Whether tracking rates of its axes can be set."""
         return CUSTOM in self.last(MODE).values and self.get(RATES) is not None
 
     @property
     def side(self):
-        """Side of the pier as the driver calls it, '' where it does not say."""
+        """Side of the pier by the driver's name, '' if not reported."""
         return self.last(SIDE).on
 
     @property
     def beyond(self):
-        """Whether it says that it looks through the pole; None where it does not say."""
+        """Whether it reports to point through the pole; None if not reported."""
         return {'PIER_WEST': True, 'PIER_EAST': False}.get(self.side)
 
     @property
     def slewing(self):
-        """Whether it is under way."""
+        """Whether it is moving."""
         return self.last(PLACE).state == 'Busy'
 
     @property
     def axes(self):
-        """Last axis angles, rad, shape (2,), and when they came, ns; None where none have."""
+        """Last axis angles, rad, shape (2,), and time of reception, ns; None if there are none."""
         axes = self.get(self._axes_property)
         if axes is None:
             return None
@@ -213,9 +213,9 @@ class IndiTelescope:
 
     @property
     def place(self):
-        """Where it says it looks: right ascension and declination of date, rad, and when it came.
+        """Reported position: right ascension and declination of date, rad, and time of reception.
 
-        The true pointing where a simulator offers it apart.
+        The true pointing if a simulator provides it separately.
         """
         for name, elements in ((TRUE_PLACE, ('RA_PE', 'DEC_PE')), (PLACE, ('RA', 'DEC'))):
             place = self.get(name)
@@ -225,28 +225,28 @@ class IndiTelescope:
         return None
 
     def is_axes(self, name):
-        """Whether a property is that of the axis angles."""
+        """Whether a property contains the axis angles."""
         return name == self._axes_property
 
     def is_place(self, name):
-        """Whether a property is that of the place it looks at."""
+        """Whether a property contains the position."""
         return name == (TRUE_PLACE if self.get(TRUE_PLACE) is not None else PLACE)
 
     # --- orders -------------------------------------------------------------------------------
 
     def prepare(self, site=None, timeout=PATIENCE):
-        """Make it ready to be pointed: standing, not parked, tracking after a slew, at its fastest.
+        """Make it ready to be pointed: at rest, not parked, tracking after slews, at full speed.
 
         Parameters
         ----------
         site : Site, optional
-            To be set in the driver, and its clock to UTC of now.
+            Site to set in the driver, with its clock set to current UTC.
         timeout : float
             s.
         """
         self.connect(timeout)
         if self.slewing or self.tracks:
-            self.abort()  # nobody here has sent it, and nobody would renew it
+            self.abort()  # its motion was not commanded here and would not be renewed
         if site is not None:
             self.set_site(site, timeout)
         if self.parked:
@@ -262,7 +262,7 @@ class IndiTelescope:
             self.client.switch(self.device, RATE, rates[-1])
 
     def set_site(self, site, timeout=PATIENCE):
-        """Tell the driver where it stands, and the time where it takes it."""
+        """Send the driver the site, and the time if it takes it."""
         self.client.property(self.device, SITE, timeout)
         self.client.send(self.device, SITE, LAT=site.latitude / DEG,
                          LONG=float(np.mod(site.longitude / DEG, 360.0)), ELEV=site.height)
@@ -284,37 +284,37 @@ class IndiTelescope:
             raise IndiError(f'{self.device} is set to {on_set or "nothing"} and not to TRACK: no '
                             'slew')
         if self.tracks is False:
-            # some go on as they did before the slew
+            # some drivers continue as before the slew
             self.track(True)
-        if self.last(MODE).on == CUSTOM:  # taken only while it tracks
+        if self.last(MODE).on == CUSTOM:  # accepted only while it tracks
             self.client.switch(self.device, MODE, 'TRACK_SIDEREAL')
         self.client.send(self.device, PLACE, RA=float(np.mod(ra, 2.0 * np.pi)) / HOUR,
                          DEC=dec / DEG)
 
     def track(self, on):
-        """Let it follow the sky, or stand."""
+        """Let it track the sky, or stand still."""
         if self.get(TRACK) is not None:
             self.client.switch(self.device, TRACK, 'TRACK_ON' if on else 'TRACK_OFF')
 
     def turn(self, rates):
-        """Track on with other rates of the axes, shape (2,), rad/s."""
+        """Continue tracking with other rates of the axes, shape (2,), rad/s."""
         if self.last(MODE).on != CUSTOM:
             self.client.switch(self.device, MODE, CUSTOM)
         through = np.where(rates * self._rates < 0.0, 0.0, rates)
-        # none is reversed at once: drivers refuse that
+        # stop an axis before reversing it: drivers refuse a direct reversal
         for row in ([through] if np.any(through != rates) else []) + [rates]:
             self.client.send(self.device, RATES, **dict(zip(
                 ('TRACK_RATE_RA', 'TRACK_RATE_DE'), (row / ARCSEC).tolist())))
         self._rates = rates
 
     def abort(self):
-        """Stop at once, and stand."""
+        """Stop immediately, without tracking."""
         self.client.switch(self.device, ABORT, 'ABORT')
         self.track(False)
 
 
 class Ticks:
-    """Pairs what a telescope sends, by the moment at which it came.
+    """Pairs the messages of a telescope by their time of reception.
 
     Parameters
     ----------
@@ -324,7 +324,7 @@ class Ticks:
     Attributes
     ----------
     telescope : IndiTelescope or None
-        Set once it is found.
+        Set when it has been found.
     """
 
     def __init__(self, tick):
@@ -333,7 +333,7 @@ class Ticks:
         self._lock = threading.Lock()
 
     def __call__(self, device, name, vector):
-        """As `update` of an `IndiClient`."""
+        """`update` of an `IndiClient`."""
         telescope = self.telescope
         if telescope is None or device != telescope.device:
             return
@@ -344,7 +344,8 @@ class Ticks:
                 return
             if abs(vector.received - axes[1]) <= TICK:
                 self._tick(Tick(axes[1], axes[0], place[0], tracking))
-            elif tracking and telescope.tracks is False:  # axes that stand are not sent again
+            elif tracking and telescope.tracks is False:  # axes at rest are not sent again
+
                 self._tick(Tick(vector.received, axes[0], place[0], tracking))
         elif telescope.is_axes(name):
             self._tick(Tick(vector.received, telescope.axes[0], None, not telescope.slewing))
