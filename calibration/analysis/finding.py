@@ -36,6 +36,8 @@ class Finding:
         Key of the recommended action.
     evidence : dict
         Other values for the sentence.
+    caution : bool
+        Whether it is reported first: it shows where to look, or puts other results in doubt.
     """
 
     kind: str
@@ -47,7 +49,18 @@ class Finding:
     after: float | None = None
     todo: str = ''
     evidence: dict = field(default_factory=dict)
+    caution: bool = False
 
     def __getitem__(self, name):
         """One of `evidence`."""
         return self.evidence[name]
+
+
+def is_caution(found):
+    """Whether a Finding, or a note of a run, is reported first."""
+    return getattr(found, 'caution', False)
+
+
+def cautions_first(findings):
+    """Sort findings: cautions before the others."""
+    return sorted(findings, key=lambda one: not is_caution(one))

@@ -36,13 +36,12 @@ from .diagnosis.residual_patterns import (
     cluster_findings,
     jump_findings,
     memory_findings,
-    patterns_first,
     visit_findings,
 )
 from .diagnosis.row_counts import excluded_of_fit, fit_row_counts
 from .diagnosis.sessions import arrange, split_at_steps, with_zeros
 from .external_check import checked_by_halves
-from .finding import Finding
+from .finding import Finding, cautions_first
 from .fit_result import FitResult
 from .harmonic_fit import Recipe, fit_chosen
 from .sky_model import Origin, settled
@@ -175,7 +174,7 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
         out.predicted = predictive_model(run, '+'.join(terms), encoder=encoder)
         out.plain = out.predicted.model
     out.model = base.whole(out.plain) if base else out.plain
-    out.findings = patterns_first([
+    out.findings = cautions_first([
         *newest, *run.meta.get('notes', ()), *columns.doubts(run.mount.names),
         *result.findings(run),
         *implausible_values(result.term_rows()), *_patterns(run, result, terms, how)])
@@ -246,5 +245,6 @@ def one_of_runs(run, number=None, zeros_known=False):
 
 def implausible_values(terms):
     """Findings on values that no mount should have, in rows of `FitResult.term_rows`."""
-    return [Finding('implausible term', row['value_arcsec'], row['sigma_arcsec'], evidence=row)
+    return [Finding('implausible term', row['value_arcsec'], row['sigma_arcsec'], evidence=row,
+                    caution=True)
             for row in suspicious(terms)]

@@ -19,11 +19,10 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.analysis.diagnosis.residual_patterns import PATTERNS
+from calibration.analysis.finding import is_caution
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word, readable
 from pointing_model.mounts import is_beyond
-from pointing_model.runs.columns.row_checks import WHOLE
 from pointing_model.runs.columns.run_table import AS_NAMED
 
 from . import figure_wording, observation_wording, row_wording
@@ -206,9 +205,8 @@ def view_of(diagnosis, document=None):
         _drivers(diagnosis, effects), effects, _ranking(diagnosis, context.mount),
         _terms(diagnosis),
         summary_of(document, [e.title for e in effects], [one.reach_arcsec for one in summaries],
-                   [*filter(None, [caution]), *(note for note in notes if note.endswith(WHOLE)),
-                    *(wording(one) for one in diagnosis.notes
-                      if getattr(one, 'kind', '') in PATTERNS)]),
+                   [*filter(None, [caution]),
+                    *dict.fromkeys(map(wording, filter(is_caution, diagnosis.notes)))]),
         sentences=[headline, *sentences], badge=_badge(document),
         word=VERDICTS.get(document['verdict'], document['verdict']),
         meta=_meta(document, _sources(obs)), used=row_wording.used_sentence(document),

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis.residual_patterns import OF_A_FIT
+from calibration.analysis.finding import is_caution
 from calibration.report.row_wording import outlier_sentence
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
@@ -77,7 +77,7 @@ def render_fit(found, document):
                         (after.get('cv_rms_arcsec'), VALIDATED)]),
             page.Paragraph('RMS on the sky.', 'note'), sky_maps(data),
             page.SentenceList([outliers, *map(wording, [
-                *_patterns(found.findings), *result.findings(run)])])]),
+                *filter(is_caution, found.findings), *result.findings(run)])])]),
         errors_section(term_lines(document['terms'], run), note='' if last is None else (
             f'The model corrects these; each RMS is of one term alone. What causes the '
             f'{arcsec(last)} left: telescope-mount diagnose {Path(str(source)).name}')),
@@ -95,11 +95,6 @@ def render_fit(found, document):
             [source] if source else ()),
         page.FOOTER, _preview(found, data, source)]
     return whole(f'Fit: {headline}', body, 'Fit of a pointing model')
-
-
-def _patterns(findings):
-    """Findings that show where to look first."""
-    return [one for one in findings if getattr(one, 'kind', '') in OF_A_FIT]
 
 
 def _residuals(found):

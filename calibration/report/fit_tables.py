@@ -14,8 +14,8 @@
 
 """Terminal output for a fit to a measured run."""
 
+from calibration.analysis.finding import is_caution
 from pointing_model.effects.base import readable
-from pointing_model.runs.columns.row_checks import WHOLE
 
 from .bolt_wording import alignment_lines
 from .fit_wording import VALIDATED, origin_sentence
@@ -70,7 +70,7 @@ def fit_tables(found, document, verbose=True, files=0):
         alarms.append('more than a third of the rows is left out: see why before you use the '
                       'terms')
     alarms += map(wording, result.open_directions)
-    whole = [note for note in document['notes'] if note.endswith(WHOLE)]
+    whole = list(filter(is_caution, document['notes']))
     alarms += [f'caution: {note}' for note in whole]
     if document['polar_axis']:
         urgent.append(' '.join(alignment_lines(document['polar_axis'])))

@@ -23,7 +23,7 @@ from calibration.estimation.chance import FLIPS, Chance
 from calibration.estimation.false_alarms import ALPHA
 from calibration.estimation.folds import FOLDS, partitions_of
 
-from ..finding import Finding
+from ..finding import Finding, cautions_first
 from .alternatives import alternatives, repeated_choice
 from .base_terms import Base
 from .detection_limits import detectable
@@ -46,7 +46,6 @@ from .residual_patterns import (
     MOVES,
     ResidualRows,
     cluster_findings,
-    patterns_first,
     visit_findings,
 )
 from .row_counts import count_rows, repeats, worst_rows
@@ -218,7 +217,7 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
                      *(Finding('held out', evidence={'of': one}) for one in held.findings)]
     if result.cv_contiguous:
         result.notes += better_prediction(run, result.cv_contiguous['after'])
-    result.notes = patterns_first(result.notes)
+    result.notes = cautions_first(result.notes)
     result.unphysical = implausible_terms(result)
     if holdout is not None:
         holdout = holdout if hours is None else split_runs(holdout, hours)

@@ -218,7 +218,7 @@ def doubt_columns(result, findings):
                 for one in effect.causes[:1] for text in found.causes]
         if result.verdict == 'identified':
             result.verdict = 'ambiguous'
-    return [one for one in findings if one not in doubts]
+    return [replace(one, caution=False) for one in findings if one not in doubts]
 
 
 def _causes(effects, delta_bic, groups):

@@ -168,7 +168,7 @@ class _RunCheck:
             better = _alike(better)
             out.findings.append(Finding(
                 'better reading', causes=tuple(one.text for one in better),
-                before=written.rms_arcsec, after=better[0].rms_arcsec, evidence={
+                before=written.rms_arcsec, after=better[0].rms_arcsec, caution=True, evidence={
                     'where': self.rows.where, 'what': better[0].reading.kind}))
         elsewhere = _likeliest([fit for fit in others if fit.reading.elsewhere
                                 and fit.better_than(written)[0] > 1.0 / _ALIKE])

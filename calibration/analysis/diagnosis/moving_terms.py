@@ -23,8 +23,6 @@ from msg_tools.units import ARCSEC
 
 from ..finding import Finding
 
-#: kind of the Finding
-MOVING = 'term of each session'
 #: a term varies if its extremes differ by more than this many standard errors of the difference:
 #: for a constant term and white noise, the extremes of 67 sessions differ by 3.4
 _APART = 4.0
@@ -64,7 +62,7 @@ def moving_findings(run, choice, fit, run_terms):
         if values[high] - values[low] > _APART * np.hypot(sigma[high], sigma[low]):
             follows = _follows(values, {key: of[known] for key, of in drivers.items()},
                                len(moving))
-            out.append(Finding(MOVING, causes=(name,), evidence={
+            out.append(Finding('term of each session', causes=(name,), caution=True, evidence={
                 'low': (values[low], sigma[low]), 'high': (values[high], sigma[high]),
                 'sessions': len(values), 'follows': follows}))
     return out

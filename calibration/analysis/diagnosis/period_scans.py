@@ -40,9 +40,8 @@ _FEWEST_ROWS = 20
 _WHOLE, _SURE = 2.0, 0.2
 #: an angle is linear in time if its deviation is below this share of the travel
 _TOGETHER = 1e-3
-#: kinds of findings on gears, shown before other notes
+#: kinds of findings on gears
 FAST, NOTHING, ABSENT = 'fast wave as well', 'nothing at the teeth', 'fundamental absent'
-GEARS = FAST, NOTHING, ABSENT
 #: a fundamental is absent if smaller than this many standard errors
 _SIGMAS = 3.0
 
@@ -165,7 +164,7 @@ def _finding(problem, choice, i, rate, error, whole):
 
 
 def gear_findings(run, choice, effects):
-    """Findings of the kinds `GEARS`: aliased periods, and declared teeth without a wave.
+    """Findings on gears: aliased periods, and declared teeth without a wave.
 
     Parameters
     ----------
@@ -205,7 +204,7 @@ def _fast_as_well(run, choice):
                 teeth += [round(float(rate)) for rate in rates]
         if causes:
             out.append(Finding(FAST, float(np.degrees(step)), unit='deg', causes=tuple(causes),
-                               evidence={'axis': names.word(p['axis']),
+                               caution=True, evidence={'axis': names.word(p['axis']),
                                          'teeth': list(dict.fromkeys(teeth))}))
     return out
 
@@ -222,7 +221,7 @@ def _other_periods(run, choice, effects):
         sizes = [peak_to_peak([of['value_arcsec'] for of in cause['fitted']['coefficients']],
                               p['orders']) for cause in found.causes if cause['fitted']]
         out.append(Finding(FAST, float(np.degrees(step)) if step else None, unit='deg',
-                           causes=(found.fitted.effect.name,), evidence={
+                           causes=(found.fitted.effect.name,), caution=True, evidence={
             'axis': run.obs.context.mount.names.word(p['axis']),
             'teeth': [round(rate) for rate in teeth], 'sizes': [min(sizes), max(sizes)]}))
     return out
@@ -237,7 +236,7 @@ def _declared(context, effects):
                  and one.effect.parameters['axis'] == axis]
         own = [one for one in waves if one.effect.parameters.get('declared')]
         if waves and not own:
-            out.append(Finding(NOTHING, float(teeth), unit='per turn', evidence={
+            out.append(Finding(NOTHING, float(teeth), unit='per turn', caution=True, evidence={
                 'axis': word, 'turns': [one.effect.parameters['turns'] for one in waves]}))
         for one in own:
             if one.effect.parameters['runs']:
@@ -245,6 +244,6 @@ def _declared(context, effects):
             size, error = (np.hypot(*of.reshape(-1, 2).T) / ARCSEC
                            for of in (one.coefficients, one.sigma))
             if len(size) > 1 and size[0] < _SIGMAS * error[0] < size[1]:
-                out.append(Finding(ABSENT, float(size[0]), float(error[0]), evidence={
-                    'axis': word, 'teeth': float(teeth)}))
+                out.append(Finding(ABSENT, float(size[0]), float(error[0]), caution=True,
+                                   evidence={'axis': word, 'teeth': float(teeth)}))
     return out

@@ -35,11 +35,8 @@ from pointing_model.pointing_terms import stacked_design
 from pointing_model.rms import sigma_of
 
 from ..finding import Finding
-from .moving_terms import MOVING
 from .observations import sequence_of
-from .period_scans import GEARS
 from .row_counts import row_word
-from .scatter import NOISIER
 
 #: fewest differences between visits to report the noise (ten give it to a fifth); fewest rows to
 #: search for clusters of outliers
@@ -49,16 +46,11 @@ MOST_ROWS = 5000
 #: kinds of findings on motion
 STEP = 'step between visits'
 MOVES = (STEP, 'moved between visits')
-_TOGETHER, _ALIKE, _JUMP = 'outliers together', 'consecutive rows alike', 'zeros jumped'
 #: rad: smaller residuals are rounding errors, not noise
 _ROUNDING = 1e-6 * ARCSEC
 #: largest p-value of the correlation between consecutive rows of an axis; residuals are clipped at
 #: this many robust sigmas
 _BY_CHANCE, _AT_MOST = 1e-3, 3.0
-#: kinds of findings that show where to look first
-PATTERNS = (*MOVES, _JUMP, MOVING, NOISIER, _ALIKE, _TOGETHER, *GEARS)
-#: the same for a fit, which searches no effects that could imitate another reading of the columns
-OF_A_FIT = ('better reading', 'implausible term', *PATTERNS)
 #: a jump of the zeros must reduce the RMS by this factor (a linear drift reduces it to a half; no
 #: false alarm in 2250 runs of white noise, walks, drifts and heavy tails); fewest rows on either
 #: side; fewest degrees of freedom
@@ -144,11 +136,6 @@ class ResidualRows(NamedTuple):
             sequence.group, is_beyond(context.el).astype(int), sequence.run if own_zeros else None)
 
 
-def patterns_first(findings):
-    """Sort findings: those of the kinds `OF_A_FIT` before the others."""
-    return sorted(findings, key=lambda one: getattr(one, 'kind', '') not in OF_A_FIT)
-
-
 def visit_findings(rows, visits):
     """Noise and motion from repeated visits to the same places.
 
@@ -172,7 +159,7 @@ def visit_findings(rows, visits):
     if move is None:
         return [Finding('places visited again', evidence=known)]
     return [Finding(STEP if visits.at_once else MOVES[1],
-                    move.amount / ARCSEC, move.sigma / ARCSEC, evidence={
+                    move.amount / ARCSEC, move.sigma / ARCSEC, caution=True, evidence={
                         **known, 'axis': names.axes[move.axis], 'word': rows.word,
                         'term': names.index[move.axis], 'both': move.both,
                         'before': rows.lines[move.before], 'after': rows.lines[move.after],
@@ -212,9 +199,10 @@ def memory_findings(rows, terms):
     found = [(axis, *one) for axis, one in enumerate(lag_correlation(
         means[0], means[1:], run[1:] == run[:-1]))]
     found = [(axis, beyond) for axis, beyond, chance in found if chance < _BY_CHANCE]
-    return [Finding(_ALIKE, max(beyond for _, beyond in found), unit='', evidence={
-        'terms': [names.index[axis] for axis, _ in found if names.index[axis] in terms],
-        'axes': [names.axes[axis] for axis, _ in found]})] if found else []
+    return [Finding(
+        'consecutive rows alike', max(beyond for _, beyond in found), unit='', caution=True,
+        evidence={'terms': [names.index[axis] for axis, _ in found if names.index[axis] in terms],
+                  'axes': [names.axes[axis] for axis, _ in found]})] if found else []
 
 
 def jump_findings(rows, terms):
@@ -259,8 +247,8 @@ def jump_findings(rows, terms):
             or run[place.before] != run[place.after]):  # reported elsewhere as runs fitted as one
         return []
     axis = int(np.argmax(np.abs(place.amounts)))
-    return [Finding(_JUMP, place.amounts[axis] / ARCSEC, before=rms[0] / ARCSEC,
-                    after=rms[1] / ARCSEC, evidence={
+    return [Finding('zeros jumped', place.amounts[axis] / ARCSEC, before=rms[0] / ARCSEC,
+                    after=rms[1] / ARCSEC, caution=True, evidence={
                         'axis': names.axes[axis], 'word': rows.word,
                         'before': rows.lines[place.before], 'after': rows.lines[place.after]})]
 
@@ -370,7 +358,7 @@ def _cluster_finding(rows, found):
     about = np.arctan2(np.sin(azimuth).mean(), np.cos(azimuth).mean())
     first = context.az[mine]
     return Finding(
-        _TOGETHER, float(np.median(sizes)), evidence={
+        'outliers together', float(np.median(sizes)), caution=True, evidence={
             'axis': names.axes[axis], 'word': rows.word, 'what': found.window.what,
             'rows': [rows.lines[i] for i in mine], 'of': len(found.window.rows),
             'azimuth_deg': float(np.mod(np.degrees(about), 360.0)),

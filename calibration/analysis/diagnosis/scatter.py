@@ -33,9 +33,8 @@ _FEWEST, _AXES_TIMES = 20, 2.0
 #: log-likelihood ratio from which a law is named: odds of 30 to 1. The wrong law is named in at
 #: most 1 of 1000 nights (20 to 200 rows)
 _LAW = float(np.log(30.0))
-#: kind of the Finding on a run that scatters more than the others; its fewest rows and smallest
-#: ratio; smallest ratio in both axes to count as noise (an effect of one axis is not)
-NOISIER = 'noisier run'
+#: fewest rows and smallest ratio of a run that scatters more than the others; smallest ratio in
+#: both axes to count as noise (an effect of one axis is not)
 _OF_RUN, _RUN_TIMES, _EACH_AXIS = 12, 2.0, 1.5
 
 
@@ -154,9 +153,9 @@ def noise_of_runs(obs, left):
         rows, weighed = obs.label == label, bool(times.min() > _EACH_AXIS)
         if weighed:
             sigma[label] = _size(standard[:, rows])
-        findings.append(Finding(NOISIER, _size(left[:, rows]) / ARCSEC, evidence={
+        findings.append(Finding('noisier run', _size(left[:, rows]) / ARCSEC, evidence={
             'run': run_name(obs, rows), 'others': _size(left[:, rest]) / ARCSEC,
-            'weighed': weighed}))
+            'weighed': weighed}, caution=True))
     return sigma if any(one['weighed'] for one in findings) else None, findings
 
 

@@ -38,8 +38,6 @@ _KELVIN = (230.0, 330.0)
 #: number of other values in a column of measurements
 _FILL, _MEASURED = (0.0, -1.0, 85.0, -127.0, 32767.0, -32768.0, 65535.0), 5
 _NEARBY = 3600.0  # s: within this time the air hardly changes
-#: end of the note on a column that is not used at all
-WHOLE = 'the whole column is taken as not measured'
 _WRITTEN = 20_000  # rows kept as the file has them
 _NAMED = 5  # for up to this many rows that have copies, each copy is listed with its line
 _LARGEST = 1e50  # squares and their sums stay finite
@@ -50,6 +48,12 @@ _FAR, _MOVES = 5.0 * DEG, 5  # smallest move that counts, and number of such mov
 _CLOCKS = ('minutes', 60.0), ('hours', 3600.0)
 #: beginnings and ends of the reasons for excluding a row because of its place
 _NO_PLACE = ('elevation outside', 'all angles below'), (f'beyond {_TURNS} turns',)
+
+
+class Caution(str):
+    """A note that is reported first: it bears on all rows."""
+
+    caution = True
 
 
 class NoUsableRow(ValueError):
@@ -174,9 +178,9 @@ def note_hasty_clock(table):
     speed = moved[far] / seconds[far] / DEG
     if len(speed) >= _MOVES and np.median(speed) > _FASTEST:
         unit = next((name for name, size in _CLOCKS if np.median(speed) / size < _USUAL), 'days')
-        table.meta['notes'].append(
+        table.meta['notes'].append(Caution(
             f'time: the mount would turn by {np.median(speed):.3g} deg/s from star to star; '
-            f'seconds are expected: is this {unit}?')
+            f'seconds are expected: is this {unit}?'))
 
 
 #: reason for excluding a row that is only a temperature record
@@ -242,9 +246,10 @@ def blank_absurd(table):
         if absurd[(table.reasons == 0) & np.isfinite(values)].all():
             kelvin = name == 'temperature' and (
                 (values[absurd] > _KELVIN[0]) & (values[absurd] < _KELVIN[1])).all()
-            table.meta['notes'].append(
+            table.meta['notes'].append(Caution(
                 f'{text} in all rows, {where}'
-                f'{", and looks like kelvin (subtract 273.15)" if kelvin else ""}: {WHOLE}')
+                f'{", and looks like kelvin (subtract 273.15)" if kelvin else ""}: '
+                'the whole column is taken as not measured'))
             del table.columns[name]
             continue
         table.columns[name] = np.where(absurd, np.nan, values)
