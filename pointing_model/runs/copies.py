@@ -12,49 +12,49 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Observations that are written twice: in one file, in several, in a log and in what it played.
+"""Duplicate observations: in one file, in several files, or in a log and the file of its night.
 
-Two rows are one observation where time and readings agree to the digits of the one that has fewer;
-without the time of both, places and readings; of two files also UTC and places, as in a log, of
-which the zeros are taken off, and in the file that its night wrote. Rows of one star seconds after
-one another differ in their time. Of one image that was solved twice the surer solution stays.
+Two rows are one observation if time and readings agree to the digits of the less precise one. If
+either has no time, places and readings must agree. For rows of two files it is enough that UTC and
+places agree, since readings in a log have their zeros subtracted. Rows of one star seconds apart
+differ in time. If an image was solved twice, the solution of smaller sigma is kept.
 """
 
 import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-#: how the reason begins for which a copy is left out
+#: beginning of the reason for excluding a copy
 SAME = 'the same as '
 #: what angles (degrees; arcseconds; seconds of time) and times (s) may be rounded to, coarse first
 _ANGLES = sorted([*(10.0**-k for k in range(3, 10)), *(10.0**-k / 3600.0 for k in range(4)),
                   *(15.0 * 10.0**-k / 3600.0 for k in range(1, 4))], reverse=True)
 _TIMES = (1.0, 0.1, 0.01, 1e-3, 4e-6)
 _MINUTE = 60.0
-_CLOCK = 1e8  # s: times below are of a clock of one's own
-_ANGLE_ERROR, _TIME_ERROR = 1e-11, 5e-7  # deg, s: of numbers in memory
-_SAME_FIELD = 0.1  # deg: places of one observation, by whatever refraction
-#: solutions of one image: their times (s), their readings (deg)
+_CLOCK = 1e8  # s: smaller times count from an arbitrary start
+_ANGLE_ERROR, _TIME_ERROR = 1e-11, 5e-7  # deg, s: rounding of numbers in memory
+_SAME_FIELD = 0.1  # deg: places of one observation differ by less, whatever the refraction
+#: largest differences of two solutions of one image: time (s), readings (deg)
 _TWIN_TIME, _TWIN_READING = 1e-3, 0.02 / 3600.0
-_LARGEST = 1e12  # beyond, a number of a file is not known
-_SIDEREAL = 239.3447  # s of UT a degree of sidereal time
-_BESIDE = 64  # rows nearby in the order of their readings that each is compared with
+_LARGEST = 1e12  # larger numbers in a file count as unknown
+_SIDEREAL = 239.3447  # s of UT per degree of sidereal time
+_BESIDE = 64  # each row is compared with this many neighbours in the order of their readings
 
 
 def copies(columns, source=None):
-    """Of which row each is a copy.
+    """For each row, the row that it is a copy of.
 
     Parameters
     ----------
     columns : mapping of str to ndarray, shape (n,)
-        ``az, el, az_enc, el_enc`` (rad); ``time`` (s), NaN where it is not known, if at all.
+        ``az, el, az_enc, el_enc`` (rad); ``time`` (s), NaN where unknown, may be absent.
     source : ndarray of int, shape (n,), optional
         Number of the file of each row.
 
     Returns
     -------
     ndarray of int, shape (n,)
-        The first such row; -1 where there is none before it.
+        Index of the first row of this observation; -1 if the row itself is the first.
     """
     reading = np.array([columns['az_enc'], columns['el_enc']], float) / DEG
     place = np.array([columns['az'], columns['el']], float) / DEG
@@ -78,14 +78,14 @@ def copies(columns, source=None):
             same = (source[i] != source[j]) & (np.abs(utc[i] - utc[j]) < _within(units[2], i, j)) \
                 & (_distance(place, i, j) < _within(units[1], i, j))
             np.minimum.at(out, j[same], i[same])
-    while (out[out] != out).any():  # a copy of a copy is one of the first
+    while (out[out] != out).any():  # a copy of a copy is a copy of the first
         out = out[out]
     return np.where(out < np.arange(n), out, -1)
 
 
 def _beside(angles, others, unit):
-    """Pairs of rows, the first before the second, that are neighbours in two angles (degrees)."""
-    # neighbours in angles are neighbours in this, over north too
+    """Pairs of rows, the earlier first, that are neighbours in two angles (degrees)."""
+    # neighbours in both angles are neighbours in this, across north too
     along = angles[1] + np.degrees(np.e * np.cos(np.radians(angles[0]) - 1.0))
     rows = np.flatnonzero(np.isfinite(along) & np.isfinite(others).all(axis=0))
     order = rows[np.argsort(along[rows], kind='stable')]
@@ -99,7 +99,7 @@ def _beside(angles, others, unit):
 
 
 def _within(unit, i, j):
-    """How far values may be apart: of the same digits equal, of fewer one of the last."""
+    """Largest difference: half the rounding unit if both rows have the same, else one unit."""
     return np.where(unit[i] == unit[j], 0.5, 1.0 + 1e-3) * np.maximum(unit[i], unit[j])
 
 
@@ -109,10 +109,10 @@ def _distance(angles, i, j):
 
 
 def _unit(values, units, error, source, chance):
-    """What a row is rounded to: the coarsest of `units` that divides all of its values.
+    """Rounding unit of each row: the coarsest of `units` that divides all of its values.
 
-    Last digits may be zeros by chance: of a file those count that more than `chance` of its rows
-    have, else the next finer.
+    Last digits may be zero by chance. So only units that more than `chance` of a file's rows have
+    are used; other rows get the next finer one.
     """
     level = np.full(values.shape[1], len(units) - 1)
     for k in reversed(range(len(units))):
@@ -139,17 +139,17 @@ def _divides(unit, values, error):
 
 
 def flag_solved_twice(table):
-    """Leave out the less certain of two solutions of one image: same time, same readings."""
+    """Exclude the less certain of two solutions of one image (same time, same readings)."""
     columns = table.columns
     if 'ra_deg' not in columns or not {'time', 'az_enc', 'el_enc'} <= set(columns):
         return
     time = columns['time']
-    if 'lst_given' in columns:  # the time is that of the day then
+    if 'lst_given' in columns:  # the time is only that of the day then
         time = columns['lst_given'] * _SIDEREAL
     known = np.abs([time, columns['az_enc'], columns['el_enc']]) < _LARGEST
     rows = np.flatnonzero((table.reasons == 0) & known.all(axis=0))
     order = rows[np.argsort(time[rows], kind='stable')]
-    # of many rows only those with a neighbour in time are looked at one by one
+    # only rows with a neighbour in time are looked at one by one
     beside = np.diff(time[order], prepend=-np.inf, append=np.inf) <= _TWIN_TIME
     order = order[beside[:-1] | beside[1:]]
     sigma = columns.get('sigma_x', np.zeros(len(time)))
@@ -174,26 +174,26 @@ def flag_solved_twice(table):
 
 
 def without_copies(runs, seen=()):
-    """Runs whose observations count once.
+    """Runs without observations that an earlier run has.
 
     Parameters
     ----------
     runs : iterable of PointingRun
         Of one mount.
     seen : sequence of PointingRun
-        Whose observations do not count in `runs`.
+        Earlier runs: their observations are removed from `runs` too.
 
     Returns
     -------
     runs : list of PointingRun
-        Without the rows that are in an earlier one, and without runs that have no other.
+        Without copies; runs that have only copies are left out.
     notes : list of str
-        How many rows, of which file.
+        How many rows were removed, and which file they are in.
 
     Raises
     ------
     ValueError
-        All of them are those of `seen`.
+        All observations are copies of those in `seen`.
     """
     runs = list(runs)
     every = [*seen, *runs]
@@ -227,13 +227,13 @@ def without_copies(runs, seen=()):
 
 
 def written_twice(copied):
-    """The note on rows that are copies, a mask."""
+    """Note on duplicate rows; `copied` is their mask."""
     return (f'{int(copied.sum())} of {len(copied)} rows are there twice, by their time and '
             'readings: each counts once')
 
 
 def without_rows(run, rows, reason):
-    """A run without `rows` (a mask), which ``meta['excluded']`` then has with the reason."""
+    """A run without `rows` (a mask); they are added to ``meta['excluded']`` with the reason."""
     return run.part(~rows, excluded=sorted(
         [*run.meta.get('excluded', ()),
          *({'row': int(line), 'reason': reason} for line in run.lines[rows])],

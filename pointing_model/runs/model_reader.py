@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Model files: ours, a table, or one of another program, recognised by their content."""
+"""Read model files: documents of this project, tables and files of other programs."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +30,7 @@ from .programs import PROGRAMS
 
 #: ``ImportedModel.program`` of a document of this project
 OURS = 'telescope_mount'
-#: rad; a zero may be anything within a turn, other terms are errors of a mount
+#: rad: largest zero offset (any within a turn is possible), and largest of the other terms
 _LARGEST_INDEX, _LARGEST = 2.0 * np.pi, 0.35
 _SUFFIXES = ('.json', '.yaml', '.yml')
 
@@ -45,7 +45,7 @@ class ImportedModel:
     program : str
         `OURS`, ``table`` or a name of `PROGRAMS`.
     notes : list of str
-        What a reader should know.
+        Remarks for the user.
     """
 
     model: PointingModel
@@ -54,14 +54,14 @@ class ImportedModel:
 
 
 def is_ours(path):
-    """Whether a file is a model of ours; of YAML, as the mapping of images is, by what is in it."""
+    """Whether a file is a model of this project; a YAML file only if its content shows it."""
     return path.suffix.lower() == '.json' or (
         path.suffix.lower() in _SUFFIXES and path.is_file()
         and FORMAT in path.read_text(encoding='utf-8', errors='replace'))
 
 
 def _refuse_unit(path, program, model):
-    """Refuse terms of which no mount is built: they are in another unit than the program's."""
+    """Refuse terms too large for any mount: they are not in the program's unit."""
     index = model.mount.names.index
     for name, value in model.terms.items():
         if not abs(value) <= (_LARGEST_INDEX if name in index else _LARGEST):
@@ -76,7 +76,7 @@ def read_model(path, mount=ALTAZ):
     ----------
     path : str or Path
     mount : Mount, optional
-        That the model is of; a file of ours knows its own.
+        Mount of the model; files of this project name their own.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def read_model(path, mount=ALTAZ):
     Raises
     ------
     ValueError
-        One line: unknown terms, numbers that are not finite, another mount, or no such file.
+        Unknown terms, numbers that are not finite, another mount, or not a model file. One line.
     OSError
         The file cannot be read.
     """

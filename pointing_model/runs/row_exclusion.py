@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Rows that a person leaves out of a run: by number, by range, or by a condition on a column."""
+"""Rows that a user excludes: by number, by range, or by a condition on a column."""
 
 import operator
 import re
@@ -31,21 +31,21 @@ _ROWS = re.compile(r'(\d+)(?:-(\d+))?$')
 _CONDITION = re.compile(r'([A-Za-z_][\w.]*)\s*(<=|>=|!=|=|<|>)\s*(.+)$')
 _COMPARED = {'<': operator.lt, '>': operator.gt, '<=': operator.le, '>=': operator.ge,
              '=': operator.eq, '!=': operator.ne}
-#: why they are left out, for people
+#: reason given for them
 REASON = 'excluded by --exclude'
 
 
 def excluded_rows(run, text):
-    """Rows that a text means.
+    """Rows selected by a text.
 
     Parameters
     ----------
     run : PointingRun
     text : str
-        Row numbers as messages and pages count them (``30``), ranges (``45-48``), conditions on
-        a column in the units of a file (``el<20``, ``magnitude>=9``, ``star=HIP 5447``,
-        ``time>2026-01-15T21:00``; of an equatorial mount ``ha<0``, ``dec>60``, too); commas
-        between them.
+        Comma-separated: row numbers as in messages and pages (``30``), ranges (``45-48``), and
+        conditions on a column in the units of a file (``el<20``, ``magnitude>=9``,
+        ``star=HIP 5447``, ``time>2026-01-15T21:00``; for an equatorial mount also ``ha<0``,
+        ``dec>60``).
 
     Returns
     -------
@@ -54,7 +54,7 @@ def excluded_rows(run, text):
     Raises
     ------
     ValueError
-        No such row or column, or no such condition.
+        There is no such row or column, or a condition is malformed.
     """
     out = np.zeros(len(run), bool)
     for part in _parts(text):
@@ -79,13 +79,13 @@ def _parts(text):
 
 
 def without_excluded(run, texts):
-    """A run without the rows that some texts of `excluded_rows` mean; the rest says which."""
+    """A run without the rows that texts select (`excluded_rows`); its ``meta`` lists them."""
     found = {part: excluded_rows(run, part) for text in texts for part in _parts(text)}
     rows = np.any([np.zeros(len(run), bool), *found.values()], axis=0)
     if rows.all():
         raise ValueError('--exclude leaves no row')
     none = [part for part, of in found.items() if not of.any()]
-    if none:  # of several runs it may be of another
+    if none:  # not an error: it may select rows of another run
         run = replace(run, meta={**run.meta, 'notes': [
             f'--exclude {", ".join(none)} fits no row', *run.meta.get('notes', ())]})
     return without_rows(run, rows, REASON) if rows.any() else run
@@ -109,10 +109,10 @@ def _where(run, name, sign, value):
 
 
 def _column(run, name):
-    """Values of a column by its name in memory or in a file, with or without unit, and the unit.
+    """Values and unit of a column, by its name in memory or in a file, with or without the unit.
 
-    Of a mount that is no alt-azimuth one ``az`` and ``el`` are the horizon's, and its own angles
-    those of the sky, on whichever side of the pier.
+    For mounts other than alt-azimuth ones, ``az`` and ``el`` are azimuth and elevation, and the
+    mount's own angles are those on the sky, the same for both pier sides.
     """
     names = run.mount.names
     if not run.mount.vertical:

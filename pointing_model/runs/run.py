@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A pointing run: what was asked of the sky, what the encoders read, and what else was known."""
+"""A pointing run: catalogue places, encoder readings and other data of each observation."""
 
 from dataclasses import dataclass, field
 
@@ -23,9 +23,9 @@ from msg_tools.units import ARCSEC, DEG, wrap
 
 from ..mounts import ALTAZ
 
-#: name in memory (SI) -> (name in a CSV file, CSV unit in SI, what it is). ``az`` and ``el`` are
-#: the first and the second axis: of an alt-azimuth mount, whose names in files are here, azimuth
-#: and elevation; of another see `column_name`
+#: name in memory (SI) -> (name in a CSV file, CSV unit in SI, description). ``az`` and ``el`` are
+#: the first and the second axis. The names in files are those of an alt-azimuth mount; for other
+#: mounts see `column_name`
 COLUMNS = {
     'time': ('time', 1.0, 'UTC, seconds since 1970-01-01'),
     'run': ('run', 1.0, 'number of the night or of the power-on'),
@@ -68,12 +68,12 @@ REQUIRED = ('az', 'el', 'az_enc', 'el_enc')
 
 
 def column_name(name, names=ALTAZ.names):
-    """Name of a column in a CSV file of a mount: ``az_enc`` is ``ha_enc_deg`` in equatorial ones.
+    """Name of a column in a CSV file: for an equatorial mount ``az_enc`` is ``ha_enc_deg``.
 
     Parameters
     ----------
     name : str
-        Of `COLUMNS`; others are returned as they are.
+        A key of `COLUMNS`; other names are returned unchanged.
     names : MountKind
     """
     if name not in COLUMNS:
@@ -84,27 +84,27 @@ def column_name(name, names=ALTAZ.names):
 
 @dataclass
 class PointingRun:
-    """Columns of equal length, one row an observation.
+    """Columns of equal length, one row per observation.
 
     Parameters
     ----------
     columns : dict of str to ndarray, shape (n,)
-        In SI, by the names of `COLUMNS`; at least `REQUIRED`. A further name is a driver of
-        the user's own. Angles in radians.
+        In SI, angles in radians, with the names of `COLUMNS`; at least `REQUIRED`. Other names are
+        the user's drivers.
     meta : dict
-        Where the run came from (``source``), its ``site``, what was left out (``excluded``, a
-        list of ``{'row', 'reason'}``) and remarks for the reader (``notes``, a list of str).
+        Origin of the run (``source``), its ``site``, excluded rows (``excluded``, a list of
+        ``{'row', 'reason'}``) and remarks for the user (``notes``, a list of str).
         ``time_is_utc`` False: time counts from an arbitrary start. ``raw_reading`` False: the
-        encoder angles are not what the encoders read. ``mount``: a `mounts.Mount`; without it
-        the mount is an alt-azimuth one. ``az, el`` and ``az_enc, el_enc`` are angles of its axes,
-        catalogue places on the side of the pier that it was on. ``graduation``
-        (``graduation_abs``): lines in a turn of the encoders, see `effects.declared_graduation`.
-        ``drivers``: names of own columns that are causes though their names do not say so.
+        encoder angles are not raw readings. ``mount``: a `mounts.Mount`; without it the mount is
+        alt-azimuth. ``az, el`` and ``az_enc, el_enc`` are angles of its axes, catalogue places on
+        the pier side of the mount. ``graduation`` (``graduation_abs``): lines per turn of the
+        encoders, see `effects.declared_graduation`. ``drivers``: names of user columns that are
+        causes although their names do not show it.
 
     Raises
     ------
     ValueError
-        A required column is missing or a column has another length.
+        A required column is missing, or columns differ in length.
     """
 
     columns: dict
@@ -130,7 +130,7 @@ class PointingRun:
         return self.columns[name]
 
     def get(self, name, default=np.nan):
-        """Column `name`, or `default` in every row where the run does not have it."""
+        """Column `name`, or `default` in every row if the run does not have it."""
         if name in self.columns:
             return self.columns[name]
         return np.full(len(self), default)
@@ -142,7 +142,7 @@ class PointingRun:
 
     @property
     def lines(self):
-        """Line in the file of each row, shape (n,); without a file its place in the run."""
+        """Line in the file of each row, shape (n,); without a file its index in the run."""
         lines = np.asarray(self.meta.get('lines', ()))
         return lines if len(lines) == len(self) else np.arange(len(self))
 
@@ -151,22 +151,22 @@ class PointingRun:
         return PointingRun({name: v[rows] for name, v in self.columns.items()}, self.meta)
 
     def part(self, rows, **meta):
-        """As `select`, with the lines of these rows, and with `meta` of its own beside the rest."""
+        """Like `select`, also selecting ``meta['lines']`` and adding the items `meta`."""
         lines = {'lines': self.lines[rows]} if 'lines' in self.meta else {}
         return PointingRun(self.select(rows).columns, {**self.meta, **lines, **meta})
 
     def split_sessions(self, hours):
-        """The run with its rows numbered by session in the column ``run``.
+        """The run with the session number of each row in the column ``run``.
 
         Parameters
         ----------
         hours : float
-            A gap in ``time`` longer than this ends a session, as does another value of ``run``.
+            A gap in ``time`` longer than this starts a session, as does a change of ``run``.
 
         Returns
         -------
         PointingRun
-            Rows as before; sessions are 1, 2, ... in time.
+            Rows in the same order; sessions are numbered 1, 2, ... in time.
 
         Raises
         ------
@@ -195,8 +195,8 @@ class PointingRun:
         Returns
         -------
         x, y : ndarray, shape (n,)
-            delta-A cos E and delta-E, radians (paper 000, eq. 2, put on the sky); of rows
-            through the pole both are reversed on the sky.
+            delta-A cos E and delta-E, radians (paper 000, eq. 2, projected on the sky). For rows
+            through the pole both directions are reversed on the sky.
         """
         az, el = self['az'], self['el']
         dx = wrap(self[f'az_{encoder}'] - az) * np.cos(el)
@@ -205,9 +205,9 @@ class PointingRun:
 
     @classmethod
     def concatenate(cls, runs):
-        """One run from several: the columns that all of them have, in the order given.
+        """Join runs in the given order, with the columns that all of them have.
 
-        ``meta`` is that of the first, without graduations that are not those of all.
+        ``meta`` is that of the first run, without graduations on which the runs differ.
         """
         runs = list(runs)
         names = [n for n in runs[0].columns if all(n in r.columns for r in runs)]
@@ -223,7 +223,7 @@ KEPT_POWER_ONS = Param(
 
 
 def known_site(meta):
-    """Site by the ``meta`` of a run: a dict of latitude, longitude, height (rad, m), as known."""
+    """Known parts of the site in a run's ``meta``: dict of latitude, longitude, height (rad, m)."""
     site = meta.get('site') or {}
     return site if isinstance(site, dict) else {
         name: getattr(site, name) for name in ('latitude', 'longitude', 'height')
@@ -231,37 +231,37 @@ def known_site(meta):
 
 
 def first_of_last(runs, count):
-    """The first row that is kept: from there on there are `count` power-ons.
+    """Index of the first row to keep, so that the last `count` power-ons remain.
 
     Parameters
     ----------
     runs : array_like, shape (n,)
-        Number of the power-on of each row, in the order in which they were taken.
+        Number of the power-on of each row, in order of observation.
     count : int
         Power-ons to keep; 0: all.
 
     Returns
     -------
     int
-        0 where none is left out.
+        0 if all rows are kept.
     """
     if not count:
         return 0
     runs = np.asarray(runs)
-    # of each power-on the last row, the newest first
+    # last row of each power-on, the newest first
     last = np.sort(len(runs) - 1 - np.unique(runs[::-1], return_index=True)[1])[::-1]
     return int(last[count]) + 1 if len(last) > count else 0
 
 
 def kept_words(runs, count):
-    """That older rows have no part in something, a sentence; '' where there can be none.
+    """Sentence saying that only the last `count` power-ons are used; '' if there are fewer.
 
     Parameters
     ----------
     runs : array_like
-        Numbers of the power-ons that are there.
+        Number of the power-on of each row.
     count : int
-        As of `first_of_last`.
+        See `first_of_last`.
     """
     if not count or len(np.unique(runs)) < count:
         return ''

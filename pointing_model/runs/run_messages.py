@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The messages of a pointing run: a PointCloud2, one point an observation, and back.
+"""Conversion of a pointing run to a PointCloud2 message, one point per observation, and back.
 
-Of another mount than an alt-azimuth one each row has the kind (its place in `KINDS`, to which kinds
-are added at the end alone) and where the first axis points: columns ``mount_kind``, ``pole_az``,
-``pole_el`` and ``pole_roll``, rad. Older logs say it in the frame: `msg_tools.older_frames`.
+For mounts other than alt-azimuth ones each row has the kind of mount (its index in `KINDS`, where
+new kinds go at the end) and the direction of the first axis: columns ``mount_kind``, ``pole_az``,
+``pole_el`` and ``pole_roll``, rad. Older logs have these in the frame: `msg_tools.older_frames`.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def _old_mount(frame):
     Raises
     ------
     ValueError
-        It names no mount.
+        It names an invalid mount.
     """
     try:
         found = mount_in(frame)
@@ -48,7 +48,7 @@ def _old_mount(frame):
 
 
 def _mount_of(numbers):
-    """The `Mount` of the first row's `_OF_MOUNT`; ValueError where there is none."""
+    """The `Mount` from the first row of the columns `_OF_MOUNT`; ValueError if it is invalid."""
     number, *pole = (float(column[0]) for column in numbers)
     if number not in range(len(KINDS)):
         raise ValueError(f'mount_kind {number:g} of an observation: 0 to {len(KINDS) - 1}')
@@ -56,7 +56,7 @@ def _mount_of(numbers):
 
 
 def run_to_cloud(run, ns):
-    """A PointCloud2, one point an observation: x, y, z on the unit sphere, then its columns.
+    """PointCloud2 with one point per observation: x, y, z on the unit sphere, then the columns.
 
     Parameters
     ----------
@@ -83,8 +83,8 @@ def cloud_to_run(message):
     Raises
     ------
     ValueError
-        A required column is missing, the data do not fill the rows that are declared, or they
-        name no mount.
+        A required column is missing, the data do not fill the declared rows, or the mount is
+        invalid.
     """
     table = cloud_to_table(message, REQUIRED, 'observation')
     numbers = [table.pop(name) for name in _OF_MOUNT if name in table]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which kind of pointing-run file this is, and the run that it holds."""
+"""Read pointing runs; the format of a file is recognised by its content."""
 
 from importlib import import_module
 from pathlib import Path
@@ -36,11 +36,11 @@ from .formats.images import read_images
 
 _MODULES = [import_module(f'{formats.__name__}.{module.name}')
             for module in iter_modules(formats.__path__)]
-#: what modules of this package declare, in the order in which they are tried
+#: formats declared by the modules of `formats`, in the order in which they are tried
 FORMATS = sorted((module.FORMAT for module in _MODULES if hasattr(module, 'FORMAT')),
                  key=lambda one: one.rank)
-_TITLES = 10  # rows above the names of the columns, at most
-#: what may be given of the equinox of catalogue places
+_TITLES = 10  # at most this many rows above the column names are reported
+#: values of the option equinox -> frame of the catalogue places
 EQUINOXES = {'j2000': ICRS, 'date': OF_DATE}
 
 
@@ -51,53 +51,52 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
     Parameters
     ----------
     path : str or Path
-        CSV (columns by the names of `COLUMNS`, any order; a further numeric column is kept
-        under its own name, or as ``column_<name>`` where that name has a meaning), TPOINT
+        CSV (column names of `COLUMNS`, any order; other numeric columns are kept under their
+        own names, or as ``column_<name>`` if the name is reserved), TPOINT
         (``ALTAZ``, format 4: observed azimuth and elevation, then those of the mount; also the
         short form with a line ``A``), a raw MMT night, or a pointing log of the IRAM 30 m. A
         CSV may give ``x_arcsec, y_arcsec`` (encoder - catalogue, on the sky) in place of the
         encoder columns, and ``ra_deg, dec_deg, time`` in place of ``az_deg, el_deg``, in the frame
         and at the site that comments above the header row declare (docs/plate_solved.md).
-        Of equatorial mounts: CSV with ``ha_deg, dec_deg, ha_enc_deg, dec_enc_deg`` (or
+        For equatorial mounts: CSV with ``ha_deg, dec_deg, ha_enc_deg, dec_enc_deg`` (or
         ``ra_deg, dec_deg, time`` and these readings; ``ra_enc_deg`` with the time for
         ``ha_enc_deg``), exports of TheSky and TPOINT with
         ``:EQUAT``, the short form with a line ``E``, the 12 columns of the UNAM control system.
-        Of solved images: models of MountWizzard4 (JSON), input of RTS2's gpoint, and the YAML of a
-        mount's keywords, beside FITS images with a WCS (docs/plate_solved.md).
+        For solved images: models of MountWizzard4 (JSON), input of RTS2's gpoint, and a YAML file
+        that names the keywords of the FITS images with a WCS beside it (docs/plate_solved.md).
     azimuth_origin : {'N', 'S'}, optional
         'N': azimuth 0 is north, 90 east. 'S': 0 is south, 90 east (azimuths are converted to
-        180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
+        180 deg - A). By default from a comment in a TPOINT file, else 'N'.
     site : pointing_model.sky.site.Site, or dict with some of its fields, optional
-        Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
-        place of what the file gives, what a dict has not as the file gives it; ``meta['notes']``
-        says so if its latitude is another than the file's.
+        Needed for ``ra_deg, dec_deg`` if the file declares no site. It replaces the file's in
+        ``meta['site']``; a dict replaces only the fields it has. A note reports contradictions.
     weather : pointing_model.sky.refraction.Weather or dict, optional
         For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
-        ``pressure_hpa``. What is not given is as the file has it, else a standard atmosphere at
-        the site, 10 C.
+        ``pressure_hpa``. Missing values are taken from the file, else from a standard atmosphere
+        at the site, 10 C.
     encoder : {'enc', 'abs'}, optional
-        'abs' takes the second encoder for the first, and the first for the second.
+        'abs' swaps the first and the second encoder.
     mount : str or Mount, optional
-        In place of what the file gives, see `mounts.parse_mount`.
+        Replaces the mount of the file, see `mounts.parse_mount`.
     equinox : {'j2000', 'date'}, optional
-        Of ``ra_deg, dec_deg``, in place of what the file tells or what fits: J2000 (ICRS), or
-        apparent places of date.
+        Equinox of ``ra_deg, dec_deg``: J2000 (ICRS), or apparent places of date. By default as the
+        file declares, else the one that fits better.
 
     Returns
     -------
     PointingRun
-        Angles in radians, azimuth from north through east; of another mount those of its axes,
-        each row on its side of the pier. ``meta``: ``mount`` if it is no alt-azimuth one,
-        ``source``, ``format``, ``azimuth_origin``, ``site``, ``excluded`` (``row`` is the line in
-        the file), ``lines`` (of the rows that are kept, shape (n,)) and ``notes``; TPOINT also
-        ``caption``, ``date`` and ``weather`` where they are given.
-        ``time_is_utc`` is False where ``time`` counts from an arbitrary start, ``raw_reading``
-        False where the encoder angles are not what the encoders read.
+        Angles in radians, azimuth from north through east. For other than alt-azimuth mounts they
+        are angles of the axes, each row on its pier side. ``meta``: ``mount`` if it is not
+        alt-azimuth, ``source``, ``format``, ``azimuth_origin``, ``site``, ``excluded`` (``row`` is
+        the line in the file), ``lines`` (of the rows kept, shape (n,)) and ``notes``; for TPOINT
+        also ``caption``, ``date`` and ``weather`` if given. ``time_is_utc`` is False if ``time``
+        counts from an arbitrary start, ``raw_reading`` is False if the encoder angles are not raw
+        readings.
 
     Raises
     ------
     NoObservations
-        A ValueError: a sound file with a header and no row.
+        A ValueError: a valid file with a header and no row.
     ValueError
         One line: the file, the row, the column, and what is wrong.
     OSError
@@ -163,7 +162,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
 
 
 def _settle_mount(path, table, given):
-    """The mount, of what is given, of what the file gives, or by the names of its columns."""
+    """The mount: the given one, else that of the file, else from the names of its columns."""
     meta = table.meta
     declared = meta.pop('mount_declared', None)
     mount = given or declared
@@ -179,7 +178,7 @@ def _settle_mount(path, table, given):
         except ValueError as error:
             if 'latitude' not in str(error):
                 raise ValueError(f'{path}: {error}') from None
-            # of places among the stars the longitude is asked for too, and not afterwards
+            # right ascensions need the longitude too: ask for both at once
             both = 'ra_deg' in table.columns and not known_site(meta).get('longitude')
             raise ValueError(
                 f'{path}: {error}' + (', and its longitude' if both else '') +
@@ -218,7 +217,7 @@ def _read_table(path, encoder):
 
 
 def swap_encoders(path, columns, meta):
-    """Take the second encoder for the first, in place.
+    """Swap the first and the second encoder, in place.
 
     Raises
     ------
@@ -230,7 +229,7 @@ def swap_encoders(path, columns, meta):
     for axis in ('az', 'el'):
         first = columns.pop(f'{axis}_enc', None)
         columns[f'{axis}_enc'] = columns.pop(f'{axis}_abs')
-        columns.pop(f'{axis}_raw', None)  # it belongs to the first
+        columns.pop(f'{axis}_raw', None)  # raw readings of the first encoder
         if first is not None:
             columns[f'{axis}_abs'] = first
     graduations = {name: meta.pop(name) for name in ('graduation', 'graduation_abs')
@@ -260,7 +259,7 @@ def _settle_origin(given, meta, altazimuth):
 
 
 def _settle_equinox(path, table, given):
-    """The equinox that was given, in place of what the file gives.
+    """Replace the equinox of the file by the given one.
 
     Raises
     ------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tracks of satellites as rows of a run: where each was by its orbit, and what would move it."""
+"""Satellite tracks as rows of a run: places from the orbits, and their derivatives."""
 
 from dataclasses import dataclass, field, replace
 
@@ -24,11 +24,11 @@ from ..sky.refraction import DEFAULT_WEATHER, refracted_elevation
 from ..sky.satellite_motion import satellite_motion
 from .run import PointingRun
 
-#: s without a row of a satellite: another arc
+#: s: a longer gap between rows of a satellite starts another arc
 _GAP = 1200.0
-#: of site and air, that all rows share
+#: parameters of site and air, common to all rows
 COMMON = 'height', 'latitude', 'longitude', 'refraction'
-#: name of rows that are stars
+#: name in rows of stars
 STARS = ''
 
 
@@ -39,19 +39,19 @@ class SatelliteTracks:
     Attributes
     ----------
     run : PointingRun
-        Its ``az``, ``el`` are the places by the orbits.
+        For satellites ``az``, ``el`` are the places from the orbits.
     objects : tuple of str
-        Satellites, and `STARS` first if there are stars.
+        Names of the satellites, with `STARS` first if there are stars.
     object : ndarray of int, shape (n,)
-        Of each row, in `objects`.
+        Index in `objects` of each row.
     arc : ndarray of int, shape (n,)
-        One pass of one object; stars are one for each night.
+        Number of the arc: one pass of one object, or the stars of one night.
     clock, ahead, across, out : ndarray, shape (2, n)
-        As of `satellite_motion.SatelliteMotion`; the last three zero for stars.
+        See `satellite_motion.SatelliteMotion`; the last three are zero for stars.
     speed, orbit_sigma : ndarray, shape (n,)
-        m/s along the orbit, and of a coordinate of it, m; zero for stars.
+        Speed along the orbit, m/s, and standard error of each orbit coordinate, m; zero for stars.
     common : dict of str to ndarray, shape (2, n)
-        What site and air move all by, as of `satellite_motion.SatelliteMotion`.
+        Derivatives by site and air (`COMMON`), see `satellite_motion.SatelliteMotion`.
     """
 
     run: PointingRun
@@ -100,12 +100,12 @@ class SatelliteTracks:
 
 
 def star_rates(az, el, latitude, mount=ALTAZ):
-    """How stars move on the sky, along the axes of a mount, rad/s, shape (2, n).
+    """Rates of stars on the sky along the axes of a mount, rad/s, shape (2, n).
 
     Parameters
     ----------
     az, el : ndarray, shape (n,)
-        Places by the axes of the mount, radians.
+        Places as axis angles of the mount, radians.
     latitude : float
         Radians.
     mount : Mount
@@ -115,13 +115,13 @@ def star_rates(az, el, latitude, mount=ALTAZ):
 
 
 def _turned_about(axis, az, el, mount):
-    """How directions move on the sky that turn about an axis (east, north, up), shape (2, n)."""
+    """Motion on the sky of directions rotated about an axis (east, north, up), shape (2, n)."""
     motion = np.cross(axis, mount.direction(az, el).T).T
     return np.stack([np.sum(one * motion, axis=0) for one in mount.tangents(az, el)])
 
 
 def _common_of_stars(az, el, latitude, mount):
-    """What site and air move stars by, as of `satellite_motion.SatelliteMotion`."""
+    """Derivatives of star places by site and air, see `satellite_motion.SatelliteMotion`."""
     up = mount.horizon_of(az, el)[1]
     raised = (refracted_elevation(up, DEFAULT_WEATHER) - up) / np.cos(up)
     zenith = np.stack([one[2] for one in mount.tangents(az, el)])
@@ -131,20 +131,20 @@ def _common_of_stars(az, el, latitude, mount):
 
 
 def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=None):
-    """Tracks of measured rows.
+    """Satellite tracks from measured rows.
 
     Parameters
     ----------
     columns : dict of str to ndarray, shape (n,)
-        ``time``, ``az_enc``, ``el_enc`` (with the object centred), radians; of rows that are
-        stars ``az`` and ``el``; more is kept.
+        ``time``, ``az_enc``, ``el_enc`` (with the object centred), radians; for stars also ``az``
+        and ``el``. Other columns are kept.
     names : sequence of str, length n
-        Of the objects; `STARS` of stars.
+        Object of each row; `STARS` for stars.
     orbits : dict of str to orbit
-        By the names.
+        Orbit of each satellite by name.
     site : pointing_model.sky.site.Site
     weather : Weather or callable
-        Or what gives it for some rows (indices).
+        A callable returns the weather of some rows (indices).
     mount : Mount
     meta : dict, optional
         Of the run.
@@ -156,7 +156,7 @@ def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=No
     Raises
     ------
     ValueError
-        A time that an orbit does not have.
+        An orbit does not cover a time.
     """
     time, label = np.asarray(columns['time'], float), np.asarray(names, dtype=object)
     order = np.lexsort((time, label.astype(str)))
@@ -182,7 +182,7 @@ def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=No
         motion = satellite_motion(orbits[name], time[rows], site, air, mount)
         beyond = mount.two_sided & is_beyond(columns['el_enc'][rows])
         az[rows], el[rows] = mount.on_travel(*through_pole(motion.az, motion.el, beyond))
-        turn = np.where(beyond, -1.0, 1.0)  # through the pole both axes turn the other way
+        turn = np.where(beyond, -1.0, 1.0)  # through the pole both axes are reversed on the sky
         for what, of in moves.items():
             of[:, rows] = turn * getattr(motion, what)
         for what, of in common.items():

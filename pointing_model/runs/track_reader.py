@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tracks of satellites as text: CSV, a row a reading of the encoders or a place."""
+"""Read satellite tracks from CSV: each row has encoder readings or an observed place."""
 
 from dataclasses import dataclass
 
@@ -29,26 +29,26 @@ from .run import column_name
 
 #: columns that name the satellite of a row
 _NAMES = ('satellite', 'object')
-#: of a row without readings of an encoder: where the satellite was seen
+#: columns of the observed place, for files without encoder readings
 _SEEN = (('az_deg', 'el_deg'), ('ra_deg', 'dec_deg'))
 
 
 @dataclass
 class TrackFile:
-    """One track file: the cells of its n sound rows as numbers.
+    """One track file: the n valid rows as numbers.
 
     Attributes
     ----------
     path : Path
     cells : dict of str to ndarray, shape (n,)
-        ``time`` (s, UTC) and the columns that the file has, by their names there.
+        ``time`` (s, UTC) and other columns, with the names of the file.
     names : ndarray of str, shape (n,)
-        Satellites; empty where a row names none.
+        Satellite of each row, empty if none is named.
     site, weather : dict
-        That the file declares.
+        As declared in the file.
     mount : str or None
     keys : tuple of str
-        Columns of the readings, as the mount names them.
+        Names of the reading columns for this mount.
     notes : list of str
     """
 
@@ -69,7 +69,7 @@ def read_track(path, mount=None):
     ----------
     path : Path
     mount : str, optional
-        By default as the file declares.
+        By default as declared in the file.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def read_track(path, mount=None):
     Raises
     ------
     ValueError
-        One line: no header, no row, a column is missing, or the times are no UTC.
+        One line: there is no header or no valid row, a column is missing, or times are not UTC.
     OSError
         The file cannot be read.
     """
@@ -121,7 +121,7 @@ def read_track(path, mount=None):
 
 
 def _check_clock(table, time):
-    """Refuse times that count from another start than 1970: an orbit needs UTC."""
+    """Refuse times that do not count from 1970: an orbit needs UTC."""
     known = time[np.isfinite(time)]
     if not len(known) or np.median(known) >= CLOCK:
         return
