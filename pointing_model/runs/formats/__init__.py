@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Formats of pointing runs: a module for each, whose `FORMAT` is found by `run_reader`.
+"""Formats of pointing runs, one module each; `run_reader` finds its `FORMAT`.
 
-What they share is in `pointing_model.runs.columns`.
+Common code is in `pointing_model.runs.columns`.
 """

@@ -32,7 +32,7 @@ from ..columns.declarations import declarations
 from ..columns.run_table import RunFormat, RunTable, content
 
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
-_TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
+_TOO_CLOSE = 0.05  # s: mean interval below which no mount can go from star to star
 
 
 def looks_like(lines):
@@ -47,7 +47,7 @@ def looks_like(lines):
         return None
     known = [name for name in names
              if any(name in own for own in (CSV_NAMES, OTHER_NAMES[0][1], OTHER_NAMES[1][1]))]
-    if delimiter == ' ':  # words of a caption may be names too
+    if delimiter == ' ':  # words of a caption may look like column names
         return delimiter if sum('_' in name for name in known) > 1 else None
     alike = cells and len(cells[0]) == len(names) > 3
     return delimiter if known or alike else None
@@ -71,7 +71,7 @@ def read(path, lines, encoder=None):
     Raises
     ------
     ValueError
-        A column is missing or twice there, or most of its cells are bad; most rows have another
+        A column is missing, occurs twice or has mostly bad cells, or most rows have another
         length.
     """
     delimiter = looks_like(lines)
@@ -95,13 +95,13 @@ def read(path, lines, encoder=None):
 
 
 def _header_names(header):
-    """Whose axes the columns are of, and name in the header -> name in memory."""
+    """Kind of mount that the columns belong to, and name in the header -> name in memory."""
     for names, by_header in OTHER_NAMES:
         first = names.columns[0]
-        ascension = {'ra_enc_deg'} if first == 'ha' else set()  # of the mount
+        ascension = {'ra_enc_deg'} if first == 'ha' else set()  # the mount's right ascension
         if ({f'{first}_deg', f'{first}_enc_deg', f'{first}_abs_deg'} | ascension) & set(header):
             by_header = dict(by_header)
-            if 'ra_deg' in header:  # a declination among the stars, not the axis'
+            if 'ra_deg' in header:  # declination of the catalogue, not of the axis
                 by_header['dec_deg'] = 'dec_deg'
             if f'{first}_deg' not in header:
                 by_header.update(HORIZON_NAMES)
@@ -140,7 +140,7 @@ def _take_column(table, header_name, cells, columns, meta, by_header, names):
 
 
 def _note_near(header_name, header, by_header, names, notes):
-    """A note of a column that is none of those that are read, where its name is near one."""
+    """Add a note if the name of an unknown column resembles a known one."""
     if not header_name or header_name in by_header or header_name in COLUMNS:
         return
     near = near_column(header_name, header, by_header, names)
@@ -150,7 +150,7 @@ def _note_near(header_name, header, by_header, names, notes):
 
 
 def _take_own(table, header_name, cells, columns, meta):
-    """A column of the user's own; its rows stand without it, so a bad cell is unknown."""
+    """Keep a user's column; a bad cell is taken as unknown and does not exclude its row."""
     bad = [i for i, cell in enumerate(decimal_points(cells))
            if cell.lower() not in UNKNOWN and not is_number(cell)]
     text = bad and f'(row {table.lines[bad[0]]}: {cells[bad[0]][:40]!r})'
@@ -169,7 +169,7 @@ def _take_own(table, header_name, cells, columns, meta):
 
 
 def _one_source(columns, meta, names):
-    """Offsets beside encoder columns would be a driver that explains everything."""
+    """Drop redundant columns: kept as a driver, offsets would explain all pointing errors."""
     if {'az_enc', 'az_abs'} & set(columns):
         for name in ('x_arcsec', 'y_arcsec'):
             if columns.pop(name, None) is not None:
@@ -221,7 +221,7 @@ def _numbers_or_text(cells):
 
 
 def _run_numbers(cells, meta):
-    """Numbers of the runs; names are counted in the order they appear."""
+    """Run numbers; named runs are numbered in order of appearance."""
     values = _numbers_or_text(cells)
     if values.dtype.kind != 'U':
         return values
@@ -255,7 +255,7 @@ def _refuse_other_units(table, values):
 # ------------------------------------------------------------------------------------- writing
 
 def iso_utc(seconds, unit='ns'):
-    """Times as ISO 8601 UTC; to the nanosecond enough for the same float64 when read again.
+    """Times as ISO 8601 UTC; nanoseconds are enough to read the same float64 back.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ def iso_utc(seconds, unit='ns'):
 
 
 def _plain(values, unit):
-    """Cells as people write them."""
+    """Cells with rounded numbers, see `write_csv`."""
     known = values[values == values]
     if known.size and np.all(known == np.rint(known)) and np.abs(known).max() < 1e15:
         return ['' if v != v else f'{v:.0f}' for v in values.tolist()]
@@ -291,7 +291,7 @@ def _plain(values, unit):
 
 
 def written_columns(run):
-    """The columns of a run as a file has them.
+    """The columns of a run with the names and units of a file.
 
     Parameters
     ----------
@@ -300,15 +300,15 @@ def written_columns(run):
     Yields
     ------
     name : str
-        Such as ``az_deg``; those of `COLUMNS` in their order, then the user's own.
+        Such as ``az_deg``; those of `COLUMNS` in their order, then the user's columns.
     values : ndarray, shape (n,)
-        In the unit of the name; ``time`` in seconds.
+        In the unit that the name has; ``time`` in seconds.
     unit : float
-        Of the name, in SI.
+        This unit in SI.
     """
     mount, beyond = run.mount, is_beyond(run['el'])
     places = {} if mount.vertical and not beyond.any() else dict(zip(
-        ('az', 'el'), through_pole(run['az'], run['el'], beyond)))  # the readings tell the side
+        ('az', 'el'), through_pole(run['az'], run['el'], beyond)))  # the readings give the side
     for name in [*(one for one in COLUMNS if one in run),
                  *(one for one in run.columns if one not in COLUMNS)]:
         values = places.get(name, run[name])
@@ -320,29 +320,29 @@ def written_columns(run):
 
 
 def write_csv(run, path, *, plain=False):
-    """Write a run as CSV that `read_run` gives back to better than 1e-9 arcsec.
+    """Write a run as CSV; `read_run` restores it to better than 1e-9 arcsec.
 
     Parameters
     ----------
     run : PointingRun
     path : str or Path
-        Written anew.
+        Overwritten.
     plain : bool
-        Numbers as people write them: angles to 1e-10 degrees (3.6e-7 arcsec), what is in arcsec to
-        1e-6, times to the microsecond, whole numbers without a point.
+        Round numbers: degrees to 1e-10 (3.6e-7 arcsec), arcseconds to 1e-6, times to the
+        microsecond; whole numbers are written without a point.
 
     Raises
     ------
     ValueError
-        A name in the run spans lines.
+        A text in the run contains a line break.
     OSError
         The file cannot be written.
 
     Notes
     -----
-    Of another mount than an alt-azimuth one comments before the header tell which. Columns in the
-    order of `COLUMNS`, then the user's own; numbers with all their digits unless they shall be
-    plain; unknown (NaN) is an empty cell; time is ISO 8601 UTC, or seconds where the run's
+    For mounts other than alt-azimuth ones, comments before the header declare mount and site.
+    Columns are in the order of `COLUMNS`, then the user's. Numbers have all their digits unless
+    `plain`; unknown values (NaN) are empty cells. Time is ISO 8601 UTC, or seconds if
     ``meta['time_is_utc']`` is False. The rest of ``meta`` is not written.
     """
     columns = []
@@ -366,7 +366,7 @@ def write_csv(run, path, *, plain=False):
 
 
 def _declarations(run):
-    """Comments by which `read` knows mount and site."""
+    """Comments from which `read` restores mount and site."""
     mount = run.mount
     if mount.vertical:
         return []

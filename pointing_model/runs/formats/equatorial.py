@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pointing runs with places among the stars, as TPOINT, TheSky and SPK write them."""
+"""Pointing runs with right ascensions and declinations, as TPOINT, TheSky and SPK write them."""
 
 import re
 
@@ -29,21 +29,22 @@ from ..columns.pier_side import read_beyond
 from ..columns.row_checks import PAIRS
 from ..columns.run_table import RunTable
 
-#: numbers of catalogue right ascension and declination, those of the telescope, sidereal time
+#: count of numbers in a row: right ascension and declination of catalogue and telescope, and
+#: sidereal time
 PLACES = 14
-_MOTION = 3  # more: proper motion in both and a year
+_MOTION = 3  # additional numbers: two proper motions and a year
 _J2000, _YEAR = 946728000.0, 365.25 * 86400.0  # s since 1970, s
 _EPOCH = np.datetime64('1970-01-01', 's')
 
 
 def read_exported(path, body, meta, options=(), altaz=False):
-    """Rows of places among the stars and sidereal time, as TPOINT and exports of TheSky have them.
+    """Read rows with right ascension, declination and sidereal time of TPOINT or TheSky.
 
     Each row has the right ascension (h m s) and declination (d m s) of the catalogue, those of
-    the telescope (a declination beyond 90 degrees is one through the pole), and the local sidereal
-    time (h m, decimal). Which equinox the catalogue has the file does not say; ``meta['equinox']``
-    is None. With proper motions (s and arcsec a year) and a year after the catalogue's place it is
-    J2000, which the year tells or the option ``J2000``: it is then the epoch of the place. The
+    the telescope (a declination beyond 90 degrees means through the pole), and the local sidereal
+    time (h m, decimal). The file does not give the equinox of the catalogue; ``meta['equinox']``
+    is None. If proper motions (s and arcsec a year) and a year follow the catalogue place, it is
+    J2000: the year must be 2000, or with the option ``J2000`` it is the epoch of the place. The
     telescope's places are of date. Further numbers are auxiliary readings.
 
     Parameters
@@ -51,14 +52,14 @@ def read_exported(path, body, meta, options=(), altaz=False):
     path : Path
         For messages.
     body : list of (int, str)
-        Lines with rows; those that begin with ``#`` are rejected by the observers.
+        Line number and text of each row; the observers rejected those that begin with ``#``.
     meta : dict
-        With ``site`` and, of the run's parameters, ``date`` and ``weather``.
+        With ``site`` and the run parameters ``date`` and ``weather``.
     options : sequence of str
         Of the file.
     altaz : bool
-        Of an alt-azimuth mount: its place among the stars, with the sidereal time, is what its
-        axes read.
+        For an alt-azimuth mount: its readings are computed from its right ascension, declination
+        and the sidereal time.
 
     Returns
     -------
@@ -67,7 +68,8 @@ def read_exported(path, body, meta, options=(), altaz=False):
     Raises
     ------
     ValueError
-        No date, another number of columns, a cell that is no number or no angle, another equinox.
+        There is no date, the number of columns is wrong, a cell is not a number or angle, or the
+        equinox is another one.
     """
     if 'date' not in meta:
         raise ValueError(f'{path}: no date in the line with the latitude; the places of the stars '
@@ -120,7 +122,7 @@ def read_exported(path, body, meta, options=(), altaz=False):
 
 
 def _declare(meta, place, reads):
-    """Of a mount that reads beyond the pole that it is a German one; hour angles etc. in deg."""
+    """Declare the mount: German if it reads beyond the pole, else equatorial; angles in deg."""
     place, reads = (np.array(pair) * DEG for pair in (place, reads))
     sound = np.isfinite(reads).all(axis=0)
     german = read_beyond(Mount.equatorial(0.0, 'german'), place, reads, sound).any()
@@ -145,7 +147,7 @@ def _move(rows, angles, day, options, meta):
 
 
 def _refuse_j2000(path, angles, day):
-    """Refuse places of the telescope that are of J2000 too, as some programs mean the option."""
+    """Refuse J2000 places of the telescope: some programs use the option in this sense."""
     ra, dec = (angles[name] * DEG for name in ('ra of the telescope', 'dec of the telescope'))
     ra, dec, _ = sides(ra, dec)
     scatter = []
@@ -159,7 +161,7 @@ def _refuse_j2000(path, angles, day):
 
 
 def _auxiliary(rows, begin, options, columns, meta):
-    """Numbers after the sidereal time, under names; words there are left out with a note."""
+    """Add the numbers after the sidereal time as columns; words there only cause a note."""
     rotator = any(option.startswith('ROT') for option in options)
     words = []
     for i, column in enumerate(zip(*(row[begin:] for row in rows.cells)), 1):
@@ -174,11 +176,11 @@ def _auxiliary(rows, begin, options, columns, meta):
 
 
 def _sexagesimal(rows, name, cells):
-    """Degrees, or hours, of cells with degrees (hours), minutes and seconds."""
+    """Degrees (or hours) from cells with degrees (or hours), minutes and seconds."""
     out, bad = np.full(len(cells), np.nan), {}
     for i, parts in enumerate(cells):
         if not any(parts):
-            continue  # of a row that is left out
+            continue  # the row is excluded
         if not all(map(is_number, parts)):
             bad[i] = 'is no angle'
             continue
@@ -194,7 +196,7 @@ def _sexagesimal(rows, name, cells):
 
 
 def _four_angles(body):
-    """Cells of rows with four angles in fixed columns, which may touch."""
+    """Cells of rows with four angles in fixed columns, possibly without blanks between them."""
     cells = []
     places = next((len(match.group(1)) for _, line in body
                    for match in [re.match(r'[-+]?\d+\.(\d+)', line.strip())] if match), 6)
@@ -207,7 +209,7 @@ def _four_angles(body):
 
 
 def read_short(path, body, meta):
-    """Rows of the short form with a line ``E``: true hour angle and declination, the mount's, deg.
+    """Read the short form with a line ``E``: hour angle and declination, true and mount's, deg.
 
     Parameters
     ----------

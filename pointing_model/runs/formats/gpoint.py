@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pointing runs of RTS2, as its gpoint reads them."""
+"""Pointing runs of RTS2, in the input format of its gpoint."""
 
 import re
 
@@ -27,13 +27,13 @@ from ..columns.declarations import declarations
 from ..columns.run_table import NoObservations, RunFormat, RunTable, content
 
 _SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
-_TOP = 30  # lines in which the site is
+_TOP = 30  # the site is within this many lines
 #: name or number, JD or MJD, sidereal time, mount's angles, counts of the axes, true angles
 _NAMES = ('observation', 'JD', 'LST', 'RA-MNT', 'DEC-MNT', 'AXRA', 'AXDEC', 'RA-TRUE', 'DEC-TRUE')
 _NAMES_ALTAZ = ('observation', 'JD', 'LST', 'AZ-MNT', 'ALT-MNT', 'AXAZ', 'AXALT', 'AZ-TRUE',
                 'ALT-TRUE')
 _DAY, _JD_1970, _MJD_1970 = 86400.0, 2440587.5, 40587.0
-_JD = 2.4e6  # no modified Julian date is as large
+_JD = 2.4e6  # larger dates are JD, smaller ones MJD
 
 
 def looks_like(lines):
@@ -47,13 +47,14 @@ def _site(line):
 
 
 def read(path, lines):
-    """RTS2 gpoint input: a comment with mount and site, then rows of 9 columns.
+    """Read RTS2 gpoint input: a comment with mount and site, then rows of 9 columns.
 
-    Of a German mount (``# gem`` or ``# observatory``, longitude, latitude, height): the mount's
-    right ascension and declination in the angles of its axes, beyond 90 degrees through the pole,
-    and those of the image's centre by its WCS. Of an alt-azimuth mount (``# altaz``): azimuth and
-    altitude of both; RTS2 counts azimuth from south through west. Angles in degrees. A comment
-    ``# frame: of date`` says so of the true places (default: given by the rows).
+    For a German mount (``# gem`` or ``# observatory``, longitude, latitude, height) a row has the
+    right ascension and declination of the mount, as angles of its axes (declinations beyond 90
+    degrees are through the pole), and those of the image centre from its WCS. For an alt-azimuth
+    mount (``# altaz``) it has azimuth and altitude of both; RTS2 counts azimuth from south through
+    west. Angles are in degrees. A comment ``# frame: of date`` declares the frame of the true
+    places (default: the one that fits better).
 
     Parameters
     ----------
@@ -68,9 +69,9 @@ def read(path, lines):
     Raises
     ------
     ValueError
-        ``altaz-manual`` (which way its offsets count is told nowhere), two sites; most rows have
-        another number of columns, or most cells of one are no numbers, or no dates from 1900 to
-        2100.
+        The mount is ``altaz-manual`` (the sign of its offsets is not documented), there are two
+        sites, most rows have another number of columns, or most cells of a column are not numbers
+        or not dates from 1900 to 2100.
     """
     heads = [(number, found) for number, line in enumerate(lines, 1) for found in [_site(line)]
              if found]
@@ -119,7 +120,7 @@ def read(path, lines):
         meta['notes'].append('time: of the sidereal clock')
 
     def unsolved(words):
-        """An image without a WCS, which RTS2 writes behind a comment sign."""
+        """Whether a commented-out row is an image without a WCS, as RTS2 writes it."""
         return len(words) == len(names) and all(map(is_number, words[1:]))
 
     return RunTable(columns, rows.lines, meta, rows.reasons,

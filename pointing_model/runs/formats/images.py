@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A run from solved images: the YAML of a mount's keywords, and the FITS files beside it."""
+"""A run from solved images: FITS files, and a YAML file that maps their keywords."""
 
 import difflib
 from collections import Counter
@@ -32,29 +32,29 @@ from pointing_model.runs.run import COLUMNS, column_name
 from ..columns.declarations import declare
 from ..columns.run_table import RunTable, numbered_runs, own_name
 
-_SAME_SITE = 0.01  # deg: sites of two images
+_SAME_SITE = 0.01  # deg: largest difference of one site between two images
 _TEXT = ('star', 'block', 'run', 'pier_side')
 
 
 def read_images(path):
-    """Read a folder of images by the YAML file that maps their keywords.
+    """Read a folder of images with the YAML file that maps their keywords.
 
     Parameters
     ----------
     path : Path
-        The YAML file: `pointing_model.runs.plate_solves.mapping`.
+        The YAML file, see `pointing_model.runs.plate_solves.mapping`.
 
     Returns
     -------
     RunTable
-        A row an image, in the order of their names; ``meta['row_names']`` has these. Images
-        without a solution carry the reason.
+        One row per image, in the order of file names, which are in ``meta['row_names']``. Images
+        without a solution are excluded with a reason.
 
     Raises
     ------
     ValueError
-        The YAML, no images, a keyword that is in none of them, several mounts or sites; no
-        astropy.
+        The YAML file is invalid, there are no images, a keyword is in none of them, they are of
+        several mounts or sites, or astropy is not installed.
     """
     mapping = load_mapping(path)
     files = mapping.images()
@@ -97,7 +97,7 @@ def read_images(path):
 
 
 def one_image(header, mapping, solve=True):
-    """Row of an image, why it is none (or None), and the keywords that it lacks."""
+    """Row of an image, the reason for excluding it (or None), and its missing keywords."""
     row, missing = {}, []
     try:
         row, missing = row_of(header, mapping)
@@ -115,12 +115,12 @@ def one_image(header, mapping, solve=True):
 
 
 def refuse_absent(path, absent, headers):
-    """Refuse a mapping whose keyword is in none of the images.
+    """Refuse a mapping with a keyword that no image has.
 
     Raises
     ------
     ValueError
-        With the keyword that is closest.
+        It names the most similar keyword.
     """
     for name, count in absent.items():
         if headers and count == len(headers):
@@ -131,12 +131,12 @@ def refuse_absent(path, absent, headers):
 
 
 def common_site(path, mapping, headers):
-    """The site that all images name; empty if the mapping has none.
+    """The common site of all images; empty if the mapping has no site.
 
     Raises
     ------
     ValueError
-        Images of several sites.
+        The images are of several sites, or none has the keywords.
     """
     first, where = None, None
     for file, header in headers:
@@ -175,7 +175,7 @@ def one_mount_of(path, files, rows):
 
 
 def _settle_frame(mapping, rows, reasons, meta):
-    """One frame for all: that of the mapping, else that of most images."""
+    """Set the frame: that of the mapping, else that of most images; others are excluded."""
     frames = Counter(row['frame'] for row, reason in zip(rows, reasons) if not reason)
     if mapping.frame is not None:
         meta['sky_frame'] = mapping.frame
@@ -196,7 +196,7 @@ def _settle_frame(mapping, rows, reasons, meta):
 
 
 def _columns(rows, mapping, meta):
-    """Columns by the names of a `RunTable`, in the file's units."""
+    """Columns for a `RunTable`, in the units of the images."""
     names = list(dict.fromkeys(name for row in rows for name in row if name != 'frame'))
     needed, columns = ('ra_deg', 'dec_deg', *mapping.needed), {}
     known = {**{column_name(name, mapping.names): name for name in COLUMNS},

@@ -29,18 +29,18 @@ _USED = ('id', 'object', 'project', 'pnt.dAZ', 'pnt.dEL')
 
 
 def looks_like(lines):
-    """Whether the first line names columns behind ``# id``."""
+    """Whether the first line names columns after ``# id``."""
     first = next((line for line in lines if line.strip()), '')
     return re.match(r'#\s*id\s', first) is not None and 'pnt.' in first
 
 
 def read(path, lines):
-    """IRAM 30 m ``.log``: a header ``# id ...`` names the columns, ``#`` before a row rejects it.
+    """Read an IRAM 30 m ``.log``: a header ``# id ...``, then rows; ``#`` marks rejected rows.
 
-    AZd, ELd are the place (whole degrees, north 0, east 90), pnt.X, pnt.Y the total offset in
-    arcsec on the sky: the correction that was applied plus the offset measured, pnt.dAZ,
-    pnt.dEL. It has the sign of the observers' own models (``.model``), a correction added to the
-    place to point there: encoder - catalogue.
+    AZd, ELd are the place (whole degrees, north 0, east 90). pnt.X, pnt.Y are the total offset in
+    arcsec on the sky: the applied correction plus the measured offset pnt.dAZ, pnt.dEL. The sign
+    is that of the observers' models (``.model``), a correction added to the place: encoder -
+    catalogue.
 
     Parameters
     ----------
@@ -51,13 +51,12 @@ def read(path, lines):
     Returns
     -------
     RunTable
-        Rejected rows and rows without an offset carry their reason.
+        Rejected rows and rows without an offset are excluded with a reason.
 
     Raises
     ------
     ValueError
-        A column is missing, most rows do not fit the header, or most cells of a column are none of
-        its.
+        A column is missing, most rows do not fit the header, or most cells of a column are bad.
     """
     begin, head = next((i, line) for i, line in enumerate(lines) if line.strip())
     names = [re.sub(r'\(\w*\)$', '', word) for word in head.lstrip('#').split()]

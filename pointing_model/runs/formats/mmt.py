@@ -24,17 +24,17 @@ _WANTED = {'RAA': ('az', 'el'), 'TAA': ('az_enc', 'el_enc'), 'ABS_AA': ('az_abs'
 
 
 def looks_like(lines):
-    """Whether one of the first lines begins the record of a star."""
+    """Whether one of the first lines starts the record of a star."""
     return any(line.startswith('CAT:') for line in lines[:50])
 
 
 def read(path, lines):
-    """Raw night of the MMT: per star a CAT: line, then angles as elevation and azimuth.
+    """Read a raw MMT night: for each star a CAT: line, then pairs of elevation and azimuth.
 
-    RAA is the refracted place of the catalogue star (0.3" from one computed with ERFA for the
-    coordinates and the sidereal time of the record), AA the same with the telescope's own
-    pointing model, TAA the angles of the mount with the star centred, ABS_AA the absolute
-    encoder. All azimuths are from north through east, those of the mount with its cable wrap.
+    RAA is the refracted place of the catalogue star (within 0.3" of the place computed with ERFA
+    for the coordinates and the sidereal time of the record), AA the same with the telescope's own
+    pointing model, TAA the mount angles with the star centred, ABS_AA the absolute encoder. All
+    azimuths are from north through east; those of the mount include the cable wrap.
 
     Parameters
     ----------
@@ -45,13 +45,13 @@ def read(path, lines):
     Returns
     -------
     RunTable
-        With both encoders and the sidereal time; ``time`` is that clock in seconds of UT, from
-        an arbitrary start (``meta['time_is_utc']`` is False).
+        With both encoders and the sidereal time. ``time`` is the sidereal time in seconds of UT,
+        from an arbitrary start (``meta['time_is_utc']`` is False).
 
     Raises
     ------
     ValueError
-        Most records lack an angle; a single one is left out.
+        Most records lack an angle; single ones are excluded.
     """
     starts = [i for i, line in enumerate(lines) if line.startswith('CAT:')]
     values = {name: [] for pair in _WANTED.values() for name in pair}

@@ -26,27 +26,27 @@ from pointing_model.runs.plate_solves.frames import ICRS
 from ..columns.cell_values import TextRows
 from ..columns.run_table import NoObservations, RunFormat, RunTable
 
-#: of each point; siderealTime and raJ2000S in hours, the others in degrees
+#: keys needed in each point; siderealTime and raJ2000S in hours, the others in degrees
 _NUMBERS = ('raJ2000S', 'decJ2000S', 'decJNowS', 'angularPosRA', 'angularPosDEC', 'siderealTime')
-_PRECESSED = 1.0  # deg, that a declination moves between J2000 and now, at most
+_PRECESSED = 1.0  # deg: largest change of a declination between J2000 and now
 _SAME_SITE = 0.1  # deg: the first point of a run may carry a rounded latitude
 
 
 def looks_like(lines):
-    """Whether this is a JSON list of points with a solution each."""
+    """Whether this is a JSON list of MountWizzard4 points."""
     first = next((line.strip() for line in lines if line.strip()), '')
     return first.startswith('[') and any('"raJ2000S"' in line or '"angularPosRA"' in line
                                          for line in lines)
 
 
 def read(path, lines):
-    """MountWizzard4 ``.model``: a list of points, each an image that was solved, or not.
+    """Read a MountWizzard4 ``.model``: a list of points, each an image, solved or not.
 
-    The readings are ``angularPosRA`` and ``angularPosDEC``, the mechanical angles of the axes
-    (58 points of such a file agree with the mount's hour angle and declination to 0.0006 deg by:
-    east of the pier hour angle, declination - 90; west of it hour angle + 180, 90 - declination;
-    so the second plus 90 is the declination, beyond 90 through the pole). The place is the
-    solution in J2000, the moment that of the mount's sidereal clock.
+    The readings are ``angularPosRA`` and ``angularPosDEC``, the mechanical angles of the axes. East
+    of the pier they are hour angle and declination - 90, west of it hour angle + 180 and 90 -
+    declination: 58 points of such a file agree to 0.0006 deg. So the second plus 90 is the
+    declination, beyond 90 through the pole. The place is the J2000 solution, the time that of the
+    mount's sidereal clock.
 
     Parameters
     ----------
@@ -57,12 +57,13 @@ def read(path, lines):
     Returns
     -------
     RunTable
-        A row a point, numbered from 1; ``meta['row_names']`` has their images.
+        One row per point, numbered from 1; ``meta['row_names']`` has their images.
 
     Raises
     ------
     ValueError
-        No JSON, no list of points, no point with a time, points of several sites.
+        The file is not JSON or not a list of points, most times are bad, no point has a latitude,
+        or points are of several sites.
     """
     try:
         points = json.loads('\n'.join(lines))
@@ -110,14 +111,14 @@ def read(path, lines):
 
 
 def _number(value):
-    """A JSON number; NaN is what is none."""
+    """A JSON number as float; NaN if it is not a number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return np.nan
     return float(value)
 
 
 def _declination(values):
-    """Degrees; some versions wrote decJ2000S in radians, which those of date tell."""
+    """J2000 declinations, degrees; some versions wrote radians: the declinations of date decide."""
     given, now = values['decJ2000S'], values['decJNowS']
     with np.errstate(invalid='ignore', over='ignore'):
         ways = [np.where(np.abs(given * unit - now) < _PRECESSED, given * unit, np.nan)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pointing runs in TPOINT format 4, its form of equatorial mounts, and the short forms."""
+"""Pointing runs in TPOINT format 4, its format for equatorial mounts, and the short forms."""
 
 import re
 from datetime import date
@@ -26,8 +26,8 @@ from ..columns.cell_values import WordRows, is_number, usual_width
 from ..columns.run_table import NoObservations, RunFormat, RunTable, content
 from .equatorial import PLACES, read_exported, read_short
 
-_SHORT = 'EQUATORIAL, SHORT'  # no option of a file
-_OPTIONS = ('ALTAZ', 'J2000', 'NODA', 'ALLSKY')  # beside EQUAT... and ROT...
+_SHORT = 'EQUATORIAL, SHORT'  # marks the short form; no file has such an option
+_OPTIONS = ('ALTAZ', 'J2000', 'NODA', 'ALLSKY')  # besides EQUAT... and ROT...
 _ANGLES = ('observed azimuth', 'observed elevation', 'mount azimuth', 'mount elevation')
 
 
@@ -40,10 +40,10 @@ def looks_like(lines):
 
 
 def read(path, lines):
-    """Caption, options, run parameters, rows of observed and mount azimuth and elevation.
+    """Read caption, options, run parameters and rows of observed and mount azimuth and elevation.
 
-    Of lines that begin with ``#`` those with numbers are observations that the observers have
-    rejected, the others comments.
+    A line that begins with ``#`` is an observation rejected by the observers if it holds numbers,
+    else a comment.
 
     Parameters
     ----------
@@ -54,17 +54,17 @@ def read(path, lines):
     Returns
     -------
     RunTable
-        ``meta['told_origin']`` is what a comment says of azimuth 0: 'N', 'S' or None. Where it
-        says that azimuth 90 is west the azimuths are those that count through east, and
-        ``meta['told_west']`` is there.
+        ``meta['told_origin']`` is the direction of azimuth 0 given in a comment: 'N', 'S' or None.
+        If a comment gives azimuth 90 as west, the azimuths are converted to count through east and
+        ``meta['told_west']`` is True.
 
     Raises
     ------
     ValueError
-        Another format, no latitude, a cell that is no number.
+        The format is another one, the latitude is missing, or a cell is not a number.
     """
     comments = ' '.join(line for line in lines if line.lstrip().startswith('!'))
-    # the first mention counts: a comment may go on about what another program does
+    # the first mention counts: a comment may go on to describe another program
     origin = re.search(r'\b(N|S|North|South)\s*=\s*0(?:\.0*)?(?![.\d])', comments, re.IGNORECASE)
     sense = re.search(r'\b(E|W|East|West)\s*=\s*90(?:\.0*)?(?![.\d])', comments, re.IGNORECASE)
     meta = {'format': 'tpoint', 'notes': [],
@@ -128,7 +128,7 @@ def read(path, lines):
 
 
 def _know(path, words, meta):
-    """Refuse options of other mounts; a note of those that are not known."""
+    """Refuse options of unsupported mounts; add a note on unknown options."""
     if 'GIMBAL' in words:
         raise ValueError(f'{path}: option GIMBAL is not read: give a CSV with a line '
                          '"# mount: free:AZ,EL[,ROLL]"')
@@ -142,13 +142,13 @@ def _know(path, words, meta):
 
 
 def _rejected(line):
-    """Whether a line with a # holds an observation: numbers, as many as format 4 has."""
+    """Whether a line with a # holds an observation: at least the four numbers of format 4."""
     words = line.lstrip('# ').split()
     return len(words) >= len(_ANGLES) and all(map(is_number, words))
 
 
 def _body(lines, meta):
-    """(line number, text) without comments up to END; comments that are all numbers."""
+    """(line number, text) without comments up to END; and the comments that are all numbers."""
     body, commented = [], []
     for number, line in enumerate(lines, 1):
         line, _, comment = line.partition('!')
@@ -161,14 +161,14 @@ def _body(lines, meta):
         if line:
             body.append((number, line))
             continue
-        words = comment.partition('!')[0].split()  # a comment may have one of its own
+        words = comment.partition('!')[0].split()  # a commented-out line may have a comment
         if words and all(map(is_number, words)):
             commented.append((number, words))
     return body, commented
 
 
 def _run_parameters(path, number, line, meta):
-    """Latitude (deg, deg min, deg min sec), then date, temperature, pressure, height, humidity."""
+    """Latitude (deg, deg min or deg min sec), date, temperature, pressure, height, humidity."""
     where = f'{path}, row {number}'
     words = line.split()
     if not all(map(is_number, words)):

@@ -24,7 +24,7 @@ from pointing_model.runs.plate_solves.frames import ICRS
 from ..columns.cell_values import WordRows, commented_rows, is_number, usual_width
 from ..columns.run_table import RunFormat, RunTable, content
 
-#: a name holds a time stamp, to the second or finer
+#: name of an image with a time stamp, to the second or finer
 _NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')
 _COLUMNS = ('name', 'requested ra', 'requested dec', 'observed ra', 'observed dec', 'mount ha',
             'mount ra', 'mount dec', 'rotation', 'solved ra', 'solved dec', 'equinox')
@@ -32,7 +32,7 @@ _WIDTHS = (len(_COLUMNS), len(_COLUMNS) - 1)  # some logs have no equinox
 
 
 def looks_like(lines):
-    """Whether the first row is a name that holds a time stamp, and so many numbers."""
+    """Whether the first row is a name with a time stamp, then the right count of numbers."""
     return _is_row(next((line for _, line in content(lines)), '').split())
 
 
@@ -42,11 +42,11 @@ def _is_row(cells):
 
 
 def read(path, lines):
-    """Solved images with the angles of a German mount, and the side of the pier.
+    """Read solved images with the angles and the pier side of a German mount.
 
-    The catalogue is the solved place (J2000), the reading hour angle and declination of the mount;
-    rotation 180 is the side through the pole. The stamp in the name has whole seconds, so the
-    moment is given by the sidereal time, which is hour angle plus right ascension of the mount.
+    The place is the solution (J2000); the readings are hour angle and declination of the mount.
+    Rotation 180 means through the pole. The time stamp in the name may have whole seconds only, so
+    the time is taken from the sidereal time: hour angle plus right ascension of the mount.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def read(path, lines):
     Raises
     ------
     ValueError
-        A row of another length, a cell that is no number.
+        Most rows have another length, or most cells of a column are bad.
     """
     body = content(lines)
     rows, names = WordRows(path, body), _COLUMNS[:usual_width(body)]

@@ -12,8 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Models in the terms of other programs, and back.
+"""Conversion of models to and from the terms of other programs.
 
-Which columns a model is made of, what a program cannot hold and how much that is; each program is
-a file of `pointing_model.runs.programs`.
+A model is a sum of columns. Parts that a program cannot represent are reported with the error this
+causes. Each program is a module of `pointing_model.runs.programs`.
 """

@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The plain table: every coefficient of a model with its formula, as CSV that is read back.
+"""A model as CSV table, written and read: every coefficient with its formula.
 
-Columns ``part, name, value_arcsec, sigma_arcsec, formula``; rows of effects also name what they
-follow, and carry what they are made of as JSON, so that nothing of the model is lost but the
-correlations of its errors. Remarks begin with ``#``; ``# geometry: rotation`` counts.
+Columns ``part, name, value_arcsec, sigma_arcsec, formula``. Rows of effects also name their drivers
+(``follows``) and hold their definition as JSON (``made_of``), so nothing of the model is lost but
+the correlations of its errors. Comments begin with ``#``; ``# geometry: ...`` and ``# errors: ...``
+are read.
 """
 
 import io
@@ -41,7 +42,7 @@ _HEADER = ('part', 'name', 'value_arcsec', 'sigma_arcsec', 'formula', 'follows',
 
 
 def write(model, caption):
-    """The table of a model, as text."""
+    """Text of the table of a model."""
     out = io.StringIO()
     out.write(f'# {safe_text(" ".join(caption.split()))}\n# geometry: {model.geometry}\n'
               '# encoder - catalogue; (x, y): x = dA cos E and y = dE on the sky; A from north '
@@ -71,7 +72,7 @@ def write(model, caption):
 
 
 def looks_like(text):
-    """Whether it is such a table."""
+    """Whether a text is such a table."""
     top = next((line for line in text.splitlines() if line.strip() and not line.startswith('#')),
                '')
     names = split_row(top, delimiter_of(top)) or ()
@@ -110,7 +111,7 @@ def read(path, text, mount=ALTAZ):
             elif word.strip() == 'errors':
                 mount = mount.with_errors(value.strip())
     cells = Cells(path, lines)
-    for i in np.flatnonzero(cells.reasons != 0):  # a model is whole, or none
+    for i in np.flatnonzero(cells.reasons != 0):  # an incomplete model is useless
         raise ValueError(f'{path}, row {cells.lines[i]}: {cells.reasons[i]}')
     columns = [decimal_points(cells.column(i)) for i in range(len(cells.header))]
     terms, errors, series, effects = {}, [], {}, {}

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a program is here, and what reading its files has in common."""
+"""Description of a program with pointing models, and functions shared by their readers."""
 
 import re
 from collections.abc import Callable
@@ -28,48 +28,51 @@ from .term_columns import summed
 
 @dataclass(frozen=True)
 class Program:
-    """A program that reads models.
+    """A program that reads pointing models.
 
     Attributes
     ----------
     name : str
-        As in ``--to``.
-    title, reference : str
-        For people; where its formulas stand.
+        Value of ``--to``.
+    title : str
+        Name for people.
+    reference : str
+        Source of its formulas.
     suffix : str
-        Of its files, by custom.
+        Usual suffix of its files.
     own : callable
-        column -> list of (the program's name of the term, its coefficient for a unit of ours), or
-        None where it has none.
+        column -> list of (the program's term, its coefficient for a unit of ours), or None if it
+        has no such term.
     column : callable
-        The program's name -> list of (column, our value for a unit of theirs).
+        The program's term -> list of (column, our value for a unit of theirs).
     candidates : tuple
-        Columns that a refit may take beside those of the model.
+        Columns that a refit may add to those of the model.
     encoder : callable
-        ``(values, az, el)``, values by column -> what the program computes, encoder azimuth and
-        elevation, radians.
+        ``(values, az, el)``, values by column -> encoder azimuth and elevation that the program
+        computes, radians.
     write : callable
-        ``(Sheet)`` -> text of the file.
+        `Sheet` -> text of the file.
     read : callable
         ``(path, text)`` -> `ModelFile`.
     looks_like : callable
         Text -> whether it is such a file.
     geometry : {'rotation', 'first_order', None}
-        How our model acts as the program does; None: neither, ours is fitted to it.
+        Geometry of our model that is the same as the program's; None: neither, ours is fitted.
     digits : str
-        What the file rounds to, for people.
+        Rounding of the file, for people.
     plain : tuple of str
-        Terms whose coefficient is no angle.
+        Terms whose coefficient is not an angle.
     whole : float
-        Coefficients are whole multiples of this, radians; 0: they are not rounded to speak of.
+        Coefficients are whole multiples of this, radians; 0: rounding is negligible.
     otherwise : tuple of (str, callable)
-        Others that read the same file, in words, and what they compute, as `encoder`.
+        Other readers of the same file that compute something else: description, and a callable
+        like `encoder`.
     mount : Mount
-        Whose axes the angles of `encoder` are.
+        Mount whose axis angles `encoder` takes and returns.
     for_mount : callable, optional
-        Mount -> the same program with the terms of that mount; None: it has none of others.
+        Mount -> the same program with the terms of that mount; None: alt-azimuth mounts only.
     one_sided : bool
-        Whether its file has one model for both sides of the pier, applied on the sky.
+        Whether its file has one model for both pier sides, applied on the sky.
     """
 
     name: str
@@ -95,14 +98,14 @@ class Program:
 
 @dataclass
 class ModelFile:
-    """What is in a file.
+    """Contents of a model file.
 
     Attributes
     ----------
     terms : dict of str to float
-        In the program's names, radians (plain numbers where the program has no angle).
+        Coefficients by the program's names, radians (plain numbers if not angles).
     sigma : dict of str to float
-        Where the file tells.
+        Standard errors, if the file has them.
     notes : list of str
     """
 
@@ -113,23 +116,22 @@ class ModelFile:
 
 @dataclass
 class Sheet:
-    """What a file is written from.
+    """Data that a model file is written from.
 
     Attributes
     ----------
     terms, sigma : dict of str to float
-        In the program's names, radians.
+        Coefficients and standard errors by the program's names, radians.
     caption : str
         One line.
     observations : int
-        0 where it is not known.
+        Number of observations, 0 if unknown.
     rms_arcsec : float
-        Of the fit, 0 where it is not known.
+        Of the fit, 0 if unknown.
     site : pair of float, optional
         Latitude and longitude, radians, north and east positive.
     beyond : bool, optional
-        On which side of the pier the file is of, of a German mount: through the pole or not; None:
-        both.
+        Pier side of the file for a German mount: through the pole or not; None: both.
     """
 
     terms: dict
@@ -148,26 +150,26 @@ def first_order(values, az, el, mount=ALTAZ):
 
 
 def first_order_at_encoder(values, az, el, mount=ALTAZ):
-    """As `first_order`, with the columns taken where the encoders stand."""
+    """Like `first_order`, with the columns evaluated at the encoder angles."""
     a, e = np.asarray(az, float), np.asarray(el, float)
-    for _ in range(20):  # each shrinks the error by the terms' size
+    for _ in range(20):  # each pass reduces the error by a factor of the terms' size in radians
         x, y = summed(values, a, e, mount)
         a, e = az + x / np.cos(e), el + y
     return a, e
 
 
 def rotations(values, az, el, mount=ALTAZ):
-    """Encoder angles of a sum of columns whose geometric ones are rotations."""
+    """Encoder angles of a sum of columns, with the geometric terms as rotations."""
     return model_of(values, {}, 'rotation', mount=mount).sky_to_encoder(az, el)
 
 
 def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
-    """Our model of a sum of columns.
+    """Our `PointingModel` of a sum of columns.
 
     Parameters
     ----------
     values, sigma : dict of tuple to float
-        By column, radians.
+        Value and standard error of each column, radians.
     geometry : {'rotation', 'first_order'}
     provenance : dict, optional
     mount : Mount, optional
@@ -175,7 +177,7 @@ def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
     Returns
     -------
     PointingModel
-        Columns that are no term of ours are effects of it.
+        Columns that are not terms of ours become its effects.
     """
     from pointing_model.effects import effect
     from pointing_model.fitted_effects import FittedEffect
@@ -196,7 +198,7 @@ def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
 # ------------------------------------------------------------------------------- reading of files
 
 def for_celestial(program, mount, terms, **changes):
-    """A program with terms of an equatorial mount.
+    """A program with the terms of an equatorial mount.
 
     Parameters
     ----------
@@ -205,7 +207,7 @@ def for_celestial(program, mount, terms, **changes):
     terms : dict of str to (str, int)
         The program's name -> our term, and our value for a unit of theirs.
     **changes
-        Of the other attributes of `Program`.
+        Other attributes of `Program` to replace.
 
     Returns
     -------
@@ -214,7 +216,7 @@ def for_celestial(program, mount, terms, **changes):
     Raises
     ------
     ValueError
-        The mount is no equatorial one.
+        The mount is not equatorial.
     """
     if not mount.celestial:
         raise ValueError(f'{program.title} has no models of a mount that is {mount.kind}')
@@ -227,7 +229,7 @@ EQUATORIAL = re.compile(r'I[HD]|CH|NP|M[AE]|FO|DA[FB]|[HD]CE[CS]|P[HDX]\w+|H[HDX
 
 
 def number_of(path, line, name, text):
-    """A finite number; ValueError with file and line where it is none."""
+    """A finite number from text; otherwise a ValueError with file and line."""
     try:
         value = float(text)
     except ValueError:
@@ -239,7 +241,7 @@ def number_of(path, line, name, text):
 
 
 def refuse_equatorial(path, names):
-    """ValueError where terms are of an equatorial mount."""
+    """Raise a ValueError if terms belong to an equatorial mount."""
     found = [name for name in names if EQUATORIAL.fullmatch(name)]
     if found:
         raise ValueError(f'{path} is a model of an equatorial mount ({", ".join(found[:8])}), and '

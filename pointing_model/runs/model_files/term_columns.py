@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Columns by which the terms of programs are compared, whatever each program calls them.
+"""Columns: a notation for terms that is the same for all programs, to compare them.
 
-A column is a tuple ``(result, factors)``: what it moves (`effects.product.RESULTS`) and the product
-of functions that it is, each factor (function, ``'A'`` or ``'E'``, number), A from north through
-east. ``('AN', ())`` and ``('AW', ())`` are the two tilts, which act on both axes at once. Of other
-mounts than alt-azimuth ones a column is a term of theirs, ``('MA', ())``. Values are encoder -
-catalogue.
+A column is a tuple ``(result, factors)``: the direction it acts on (`effects.product.RESULTS`) and
+the factors of a product of functions, each (function, ``'A'`` or ``'E'``, number), A from north
+through east. ``('AN', ())`` and ``('AW', ())`` are the two tilts, which act on both axes. For
+mounts other than alt-azimuth ones a column is one of their terms, such as ``('MA', ())``. Values
+are encoder - catalogue.
 """
 
 from functools import lru_cache
@@ -32,7 +32,7 @@ from pointing_model.pointing_terms import TERMS, Trig, terms_of
 
 
 def column(result, *factors):
-    """The column of these factors; constants and their order do not matter."""
+    """The column of these factors, in any order."""
     return result, tuple(sorted(factors, key=lambda f: (f[1], f[0], f[2])))
 
 
@@ -52,21 +52,21 @@ def _terms():
     }
 
 
-#: column of each term of ours that has one
+#: our term -> its column
 TERM_KEYS = _terms()
-#: and back
+#: column -> our term
 KEY_TERMS = {key: name for name, key in TERM_KEYS.items()}
 
 
 def on_sky(key, az, el, mount=ALTAZ):
-    """What a unit of a column moves on the sky.
+    """Pointing offset on the sky caused by a unit of a column.
 
     Parameters
     ----------
     key : tuple
         A column.
     az, el : ndarray, shape (n,)
-        Catalogue place by the axes of the mount, radians.
+        Catalogue place as axis angles of the mount, radians.
     mount : Mount, optional
 
     Returns
@@ -101,7 +101,7 @@ def _pair(result, angle, k):
 
 
 def _effect_columns(effect):
-    """For each coefficient its (column, factor)s; None where it has none."""
+    """List of (column, factor) for each coefficient; None if the effect is no sum of columns."""
     p = effect.parameters
     order = p.get('order')
     if effect.form == 'encoder' and p['axis'] in ('az', 'el'):
@@ -130,7 +130,7 @@ def _effect_columns(effect):
 
 @lru_cache(maxsize=8)
 def _terms_on_a_sky(mount):
-    """Places of a mount's axes all over the sky, and what a unit of each of its terms moves there.
+    """Random axis angles of a mount on both sides, and the offsets by a unit of each term there.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def _terms_on_a_sky(mount):
 
 
 def _effect_terms(effect, mount):
-    """As `_effect_columns`, of another mount: terms of it that the coefficients are, one each."""
+    """Like `_effect_columns` for other mounts: the term proportional to each coefficient."""
     if effect.requires:
         return None
     context, known = _terms_on_a_sky(mount)
@@ -164,8 +164,8 @@ def _effect_terms(effect, mount):
 
 
 def _harmonic_columns(harmonics):
-    """(column, value)s of the series of paper 000, as products of sines and cosines."""
-    # in zenith distance the azimuth series is on the sky; as printed it has cot E and no limit
+    """List of (column, value): the series of paper 000 as products of sines and cosines."""
+    # in zenith distance the azimuth series is on the sky; as printed it has an unbounded cot E
     if harmonics.interpretation != 'zenith':
         return None
     grid = np.linspace(-np.pi, np.pi, 64, endpoint=False)
@@ -187,7 +187,7 @@ def _harmonic_columns(harmonics):
 
 
 def model_columns(model):
-    """A model as a sum of columns, as far as it is one.
+    """A model as a sum of columns, as far as possible.
 
     Parameters
     ----------
@@ -198,9 +198,9 @@ def model_columns(model):
     values : dict of tuple to float
         Column -> value, radians.
     sigma : dict of tuple to float
-        Standard errors of those that are their own term.
+        Standard errors of columns that have a coefficient of their own.
     left : list of str
-        Parts that are no sum of such columns.
+        Parts of the model that are no sum of columns.
     """
     values, sigma, left = {}, {}, []
 
@@ -216,7 +216,7 @@ def model_columns(model):
             sigma[key] = float(error)
     for fitted in model.effects:
         if not fitted.coefficients.any():
-            continue  # it stands for an error alone
+            continue  # zero: it only contributes to the errors
         parts = _effect_columns(fitted.effect) if model.mount.vertical else _effect_terms(
             fitted.effect, model.mount)
         if parts is None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model into the terms of a program and back: what is held, what is refitted, what is lost."""
+"""Export a model to the terms of a program and import it, refitted if necessary; the loss."""
 
 from dataclasses import dataclass, replace
 
@@ -28,13 +28,13 @@ from pointing_model.rms import rms
 from .program import Program, Sheet, model_of, rotations
 from .term_columns import KEY_TERMS, TERM_KEYS, model_columns, on_sky
 
-#: a loss below is none, arcsec
+#: a smaller loss counts as none, arcsec
 HELD = 1e-3
-#: a refit goes on to further terms of the program until this is left, arcsec RMS ...
+#: a refit adds terms of the program until the residual RMS is below this, arcsec ...
 _ENOUGH = 0.01
-#: ... or the best of them takes less than this part of the RMS
+#: ... or the best of them reduces the RMS by less than this fraction
 _PAYS = 0.03
-#: a column of which less is left beside the others is not determined on this sky
+#: a column is undetermined on this sky if less than this fraction of it is orthogonal to the others
 _DETERMINED = 1e-3
 _STEPS = 20
 _LOWEST = np.radians(20.0)
@@ -42,7 +42,7 @@ _LOWEST = np.radians(20.0)
 
 @dataclass(frozen=True)
 class ExportLoss:
-    """How far two models are apart on a sky, arcsec on the sky."""
+    """Difference of two models over a set of directions, arcsec on the sky."""
 
     rms: float
     largest: float
@@ -56,9 +56,9 @@ class ExportLoss:
 
 
 def uniform_sky(count=600, mount=ALTAZ):
-    """Directions spread evenly over the sky above 20 degrees, as a Context of the axes.
+    """Directions spread evenly over the sky above 20 degrees, as a Context of axis angles.
 
-    A German mount sees each on the side on which its counterweight is down.
+    For a German mount each is on the side where the counterweight is down.
     """
     i = np.arange(count)
     height = np.sin(_LOWEST) + (1.0 - np.sin(_LOWEST)) * (i + 0.5) / count
@@ -75,14 +75,14 @@ def difference(one, other, el):
 
 
 def loss_of(target, program, values, sky):
-    """How far a program with these values is from encoder angles.
+    """Difference of a program's model from given encoder angles.
 
     Parameters
     ----------
     target : ndarray, shape (2, n)
         Encoder angles, radians.
     program : Program or callable
-        The callable as `Program.encoder`.
+        A callable like `Program.encoder`.
     values : dict
     sky : Context
 
@@ -110,21 +110,22 @@ class Exported:
     text : str
         Of the file.
     terms : dict of str to float
-        as they are in it, radians or plain numbers: see `listed`.
+        As in the file, radians or plain numbers: see `listed`.
     direct, loss : ExportLoss
-        With the terms taken over by name alone, and as they are in the file.
+        With the terms converted by name only, and with the terms of the file.
     elsewhere : ExportLoss or None
-        As `loss` on a uniform sky, of what follows the direction; None where that is the sky.
+        Like `loss` on a uniform sky, for the part that depends on direction only; None if `loss` is
+        on a uniform sky already.
     refitted : bool
-        Whether the values are of a refit.
+        Whether the values are from a refit.
     added : list of str
-        Terms of the program that the model does not have, taken to hold what it has beyond.
+        Terms of the program that the model lacks, added by the refit to absorb other parts.
     left : list of str
-        Parts of the model that no term of the program is. What follows more than the direction
-        counts as zero in the file, and in the loss as the run gives it.
+        Parts of the model that the program has no term for. Effects of other drivers than the
+        direction are zero in the file; the loss includes them with the run's values.
     notes : list of str
     sky : str
-        On which the losses are.
+        Description of the directions that the losses are for.
     """
 
     program: Program
@@ -140,13 +141,13 @@ class Exported:
     sky: str
 
     def listed(self):
-        """(name, value, unit) of each term, in arcsec but for plain numbers, whose unit is ''."""
+        """(name, value, unit) of each term, in arcsec; plain numbers have the unit ''."""
         return [(name, value, '') if name in self.program.plain
                 else (name, value / ARCSEC, 'arcsec') for name, value in self.terms.items()]
 
     @property
     def held(self):
-        """Whether the program computes what the model does, to a thousandth of an arcsecond."""
+        """Whether the program agrees with the model to 0.001 arcsec."""
         return not self.left and self.loss.largest <= HELD
 
     def to_dict(self):
@@ -160,21 +161,21 @@ class Exported:
 
 
 def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
-    """A model in the terms of a program, refitted where it has to be.
+    """Convert a model to the terms of a program, refitted if necessary.
 
     Parameters
     ----------
     model : PointingModel
     program : Program
     sky : Context, optional
-        The directions of a run, with what drives the model's effects there; by default
+        The directions of a run, with the drivers of the model's effects; by default
         `uniform_sky`.
-    told : str
-        What that sky is, for people.
+    sky_name : str
+        Description of `sky`, for people.
     facts : dict, optional
-        Of `program.Sheet`, for the file.
+        Attributes of `program.Sheet` for the file.
     beyond : bool, optional
-        Of one side of the pier alone: through the pole or not.
+        Restricts the model to one pier side: through the pole or not.
 
     Returns
     -------
@@ -183,8 +184,8 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
     Raises
     ------
     ValueError
-        The program has no terms of the model's mount, its terms go through the pole with the mount
-        and those of the model do not, or the model reaches no direction.
+        The program does not support the model's mount; its terms are reversed through the pole but
+        those of the model act on the sky; or the model cannot point to any of the directions.
     """
     program, given = program_for(program, model.mount), sky is not None
     if model.mount.on_sky and not program.one_sided:
@@ -203,7 +204,7 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
     sky, target = sky.select(good), target[:, good]
     if not len(sky):
         raise ValueError('the model reaches none of the directions of this sky')
-    # which way the axes came, or how warm it was that night, is no matter of the direction
+    # without effects of other drivers than the direction, such as approach or temperature
     still = model.with_effects(lambda fitted: not fitted.effect.requires)
     aim = np.stack(still.sky_to_encoder(sky.az, sky.el))
     values, sigma, left = model_columns(model)
@@ -214,7 +215,7 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
     taken = {key: value for key, value in values.items() if key not in lacking}
     direct, still_direct = (loss_of(to, program, taken, sky) for to in (target, aim))
     refitted, added = False, []
-    # rotations in another order than ours are never ours by name alone
+    # rotations in another order than ours always need a refit
     if program.geometry is None or not still_direct.largest <= HELD:
         refitted = True
         taken, added = _refit(program, aim, taken, sky,
@@ -234,7 +235,7 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
     errors = {name: error for name, error in errors.items()
               if not (model.undetermined and name in nobody)}
     text = program.write(Sheet(terms, errors, **{'caption': 'telescope_mount', **(facts or {})}))
-    # what counts is what is in the file, with its digits
+    # compare what the file holds, with its rounding
     found = program.read('the exported file', text)
     read = _column_values(program, found.terms)
     loss, elsewhere = loss_of(target, program, read, sky), None
@@ -255,7 +256,7 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
 
 
 def program_for(program, mount):
-    """The program with the terms of a mount; ValueError where it has none."""
+    """The program with the terms of a mount; ValueError if it does not support the mount."""
     if mount.vertical:
         return program
     if program.for_mount is None:
@@ -279,10 +280,10 @@ def _column_values(program, terms):
 
 
 def _refit(program, target, start, sky, more):
-    """Values of the program's columns nearest to encoder angles, and which were taken besides.
+    """Fit the program's columns to encoder angles; the values, and the columns that were added.
 
-    With `more`, where parts of the model have no column there, the program's other columns are
-    taken as far as they pay; what second order leaves of rotations is not dressed up so.
+    With `more`, if parts of the model have no column in the program, its other columns are added by
+    forward selection (`_PAYS`). This is not done to absorb second-order residuals of rotations.
     """
     index = [TERM_KEYS[n] for n in ('IA', 'IE')] if program.mount.vertical else [
         (n, ()) for n in program.mount.names.index]
@@ -318,7 +319,7 @@ def _refit(program, target, start, sky, more):
 
 
 def _solved(program, target, start, sky):
-    """Gauss-Newton with first-order columns: each step shrinks the rest by the terms' size."""
+    """Gauss-Newton fit with first-order columns."""
     values = dict(start)
     keys = list(values)
     if not keys:
@@ -338,10 +339,10 @@ def _solved(program, target, start, sky):
 
 
 def _errors(program, model, keys, sky):
-    """Standard errors of a refit by name, from those of the model's coefficients.
+    """Standard errors of a refit by name, propagated from the covariance of the model.
 
-    What the coefficients would move on this sky is fitted by the program's columns as the model
-    was, with their covariance as in `PointingModel.sigma`.
+    The offsets by the model's coefficients on this sky are fitted with the program's columns, like
+    the model itself. For the covariance see `PointingModel.sigma`.
     """
     if model.harmonics is not None or not keys:
         return {}
@@ -368,7 +369,7 @@ def _errors(program, model, keys, sky):
 
 
 def _to_whole(program, values, sky):
-    """Values rounded one after the other, each with the others moved to make up for it."""
+    """Round the values one by one, refitting the rest after each to compensate."""
     free = dict(values)
     columns = {key: np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in free}
     out = {}
@@ -383,19 +384,19 @@ def _to_whole(program, values, sky):
 
 
 def imported(program, found, source=''):
-    """Our model of what is in a file.
+    """Our `PointingModel` of a model file.
 
     Parameters
     ----------
     program : Program
-    found : Found
+    found : ModelFile
     source : str
 
     Returns
     -------
     model : PointingModel
     loss : ExportLoss or None
-        Of ours to what the program computes, where ours had to be fitted to it.
+        Difference of our model from the program's, if ours had to be fitted to it.
     """
     values = _column_values(program, found.terms)
     sigma = {}
@@ -405,7 +406,7 @@ def imported(program, found, source=''):
     provenance = {'source': str(source), 'program': program.name}
     if program.geometry:
         return model_of(values, sigma, program.geometry, provenance, program.mount), None
-    # neither rotations nor first order of ours: the nearest of ours
+    # the program's geometry is neither of ours: fit our model to it
     sky = uniform_sky(mount=program.mount)
     target = np.stack(program.encoder(values, sky.az, sky.el))
     ours = replace(program, geometry='rotation', encoder=lambda values, az, el: rotations(
