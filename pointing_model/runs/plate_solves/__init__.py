@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Places that images were solved to: their frames, the images of a mount, its keywords."""
+"""Plate-solved images: solvers, FITS headers and their keywords, frames of the solutions."""

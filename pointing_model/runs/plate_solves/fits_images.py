@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What one image says: the keywords of its mount, and its solution (WCS)."""
+"""Data from the header of one image: the keywords of its mount, and its solution (WCS)."""
 
 import re
 import warnings
@@ -26,23 +26,23 @@ from .mapping import WCS, NotThere, readings, refuse_twice, without
 _SEXAGESIMAL = re.compile(r'([+-]?)(\d+)[: ](\d+)[: ](\d+(?:\.\d*)?)')
 _DAY = 86400.0
 _MJD_1970, _JD_1970 = 40587.0, 2440587.5
-_SAME_PIXEL = 0.1  # of two descriptions that a header may hold
+_SAME_PIXEL = 0.1  # pixels: largest difference of two descriptions in one header
 _TEXT = ('star', 'telescope', 'pier_side', 'block', 'run')
 
 
 class PlateSolution(NamedTuple):
-    """Of an image.
+    """Plate solution of one image.
 
     Attributes
     ----------
     ra_deg, dec_deg : float
         Of the boresight, degrees, in `frame`.
     scale_arcsec_px : float
-        Root of the area of a pixel.
+        Square root of the area of a pixel.
     parity : int
-        Sign of the determinant of pixel to sky: -1 as the eye sees the sky, 1 mirrored.
+        Sign of the determinant of the matrix from pixels to sky: -1 direct image, 1 mirrored.
     frame : Frame or None
-        None: the header does not say.
+        None: not given in the header.
     """
 
     ra_deg: float
@@ -97,7 +97,7 @@ def read_header(path):
             for hdu in hdus:
                 if hdu.header.get('NAXIS', 0) >= 2 or 'CTYPE1' in hdu.header:
                     header = hdu.header.copy()
-                    # of one solution, not a part of each
+                    # keep one solution, do not mix two
                     header.extend(without(first, WCS) if 'CTYPE1' in header else first,
                                   unique=True, strip=True)
                     return header
@@ -107,13 +107,13 @@ def read_header(path):
 
 
 def solution_of(header, boresight=None):
-    """Where the boresight of an image is, by the WCS in its header.
+    """Place of the boresight of an image, from the WCS in its header.
 
     Parameters
     ----------
     header : astropy.io.fits.Header
     boresight : tuple of float, optional
-        Pixel, the first is 1; by default the middle of the image.
+        Pixel, counted from 1; by default the middle of the image.
 
     Returns
     -------
@@ -122,8 +122,8 @@ def solution_of(header, boresight=None):
     Raises
     ------
     NotThere
-        No WCS, one that cannot be read, contradicts itself or is not in right ascension and
-        declination, or an equinox that is none.
+        There is no WCS, it cannot be read, contradicts itself or is not in right ascension and
+        declination, or the equinox is invalid.
     """
     kinds = [str(header.get(f'CTYPE{i}', '')).upper() for i in (1, 2)]
     if not all(kinds):
@@ -154,7 +154,7 @@ def solution_of(header, boresight=None):
 
 
 def _solved(header, pixel):
-    """Right ascension and declination of a pixel (degrees), and the matrix of pixel to sky."""
+    """Right ascension and declination of a pixel, degrees, and the matrix from pixels to sky."""
     _, wcs = astropy_fits()
     try:
         with warnings.catch_warnings():
@@ -163,18 +163,18 @@ def _solved(header, pixel):
             axes = [found.wcs.lng, found.wcs.lat]
             place = found.all_pix2world([pixel], 1)[0][axes]
             matrix = np.asarray(found.pixel_scale_matrix, float)[axes]
-    except Exception as error:  # wcslib has errors of its own kinds
+    except Exception as error:  # wcslib raises exceptions of its own classes
         raise NotThere(f'its WCS cannot be read ({" ".join(str(error).split())[:60]})') from None
     return place, matrix
 
 
 def frame_of(header):
-    """Frame of a WCS, by RADESYS and EQUINOX (FITS standard 4.0, section 8.3); None: not said.
+    """Frame of a WCS from RADESYS and EQUINOX (FITS standard 4.0, section 8.3); None: not given.
 
     Raises
     ------
     NotThere
-        It is none that is known.
+        The frame is unknown.
     """
     system = str(header.get('RADESYS', header.get('RADECSYS', ''))).strip().upper()
     equinox = header.get('EQUINOX', header.get('EPOCH'))
@@ -201,7 +201,7 @@ def _is_old(equinox):
 
 
 def row_of(header, mapping):
-    """Columns of an image by the keywords of its mount.
+    """Columns of the run from the keywords of an image.
 
     Parameters
     ----------
@@ -211,15 +211,15 @@ def row_of(header, mapping):
     Returns
     -------
     row : dict of str to float or str
-        Time in seconds since 1970, UTC, when the encoders were read; keywords that are not
-        there are left out.
+        The time is that of the encoder reading, seconds since 1970, UTC. Columns with missing
+        keywords are left out.
     missing : list of str
-        Names of keywords that the image lacks.
+        Keywords that the image lacks.
 
     Raises
     ------
     NotThere
-        A value is no number or no time, or the time is not UTC.
+        A value is not a number or time, or the time is not UTC.
     """
     row, missing = {}, []
     for name, keyword in mapping.columns.items():
@@ -235,12 +235,12 @@ def row_of(header, mapping):
 
 
 def site_of(header, mapping):
-    """Site of an image, by the names of `mapping.SITE`, degrees and metres.
+    """Site of an image, with the names of `mapping.SITE`, degrees and metres.
 
     Raises
     ------
     NotThere
-        A keyword is missing, or no number.
+        A keyword is missing or not a number.
     """
     out = {}
     for name, keyword in mapping.site.items():

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""In which frame right ascensions and declinations are given, and what they are in the ICRS."""
+"""Frames of right ascension and declination, and conversion to the ICRS and to date."""
 
 import re
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from pointing_model.sky.places import icrs_to_observed
 from pointing_model.sky.refraction import Weather
 from pointing_model.sky.site import Site
 
-#: what a frame may be called, for messages
+#: names of frames, for messages
 KNOWN = 'ICRS, J2000, J<year> (mean of that equinox), mean of date, of date (apparent), B1950'
 _NAMES = {
     'icrs': ('icrs', None), 'j2000': ('icrs', None), 'fk5': ('icrs', None),
@@ -44,11 +44,11 @@ class Frame:
     Parameters
     ----------
     kind : {'icrs', 'mean', 'apparent', 'fk4'}
-        ICRS (J2000 too: they differ by 0.02", and what solvers call J2000 is the ICRS of their
-        catalogue); mean equator and equinox; true equator and equinox of date with annual
-        aberration (geocentric apparent place); FK4, equinox B1950.
+        'icrs': ICRS and J2000 (they differ by 0.02", and what solvers call J2000 is the ICRS of
+        their catalogue). 'mean': mean equator and equinox. 'apparent': true equator and equinox of
+        date with annual aberration (geocentric apparent place). 'fk4': FK4, equinox B1950.
     equinox : float, optional
-        Julian year of 'mean'; None: that of each time.
+        Julian year for 'mean'; None: of date.
     """
 
     kind: str
@@ -56,7 +56,7 @@ class Frame:
 
     @property
     def text(self):
-        """As people, and the header of a file, say it."""
+        """Name of the frame for people and for headers of files."""
         if self.kind == 'mean':
             return 'mean of date' if self.equinox is None else f'J{self.equinox:g}'
         return {'icrs': 'ICRS', 'apparent': 'of date', 'fk4': 'B1950'}[self.kind]
@@ -67,12 +67,13 @@ MEAN_OF_DATE, OF_DATE, B1950 = Frame('mean'), Frame('apparent'), Frame('fk4')
 
 
 def parse_frame(text):
-    """The frame of a name, or of an equinox.
+    """The frame with a name or equinox.
 
     Parameters
     ----------
     text : str or float
-        One of `KNOWN`, in any case; a bare year is that Julian equinox, 1950 the Besselian one.
+        One of `KNOWN`, upper or lower case. A bare year is a Julian equinox, 1950 the Besselian
+        one.
 
     Returns
     -------
@@ -81,7 +82,7 @@ def parse_frame(text):
     Raises
     ------
     ValueError
-        No such frame, or an equinox outside 1900 to 2100.
+        The frame is unknown, or the equinox is outside 1900 to 2100.
     """
     name = ' '.join(str(text).split()).lower()
     if name in _NAMES:
@@ -100,7 +101,7 @@ def parse_frame(text):
 
 
 def to_icrs(ra, dec, frame, time):
-    """Directions of a frame in the ICRS.
+    """Convert directions from a frame to the ICRS.
 
     Parameters
     ----------
@@ -108,17 +109,17 @@ def to_icrs(ra, dec, frame, time):
         In the frame, radians.
     frame : Frame
     time : ndarray, shape (n,)
-        UTC, seconds since 1970: the date of a frame of date, and the epoch of FK4 places.
+        UTC, seconds since 1970: date of frames of date, epoch of FK4 places.
 
     Returns
     -------
     ra, dec : ndarray, shape (n,)
-        ICRS, radians; FK4 and mean places through FK5 (IAU 2006), good to some 0.02".
+        ICRS, radians; FK4 and mean places via FK5 (IAU 2006), accurate to about 0.02".
 
     Raises
     ------
     ValueError
-        A time outside 1900 to 2100.
+        A time is outside 1900 to 2100.
     """
     ra, dec, time = (np.asarray(v, float) for v in (ra, dec, time))
     if frame.kind == 'icrs':
@@ -140,12 +141,12 @@ def to_icrs(ra, dec, frame, time):
 
 
 def to_date(ra, dec, frame, time):
-    """Apparent places of date, as a mount's clock and sidereal time count them.
+    """Apparent places of date, consistent with apparent sidereal time.
 
     Parameters
     ----------
     ra, dec, frame, time
-        As `to_icrs`.
+        See `to_icrs`.
 
     Returns
     -------
@@ -155,7 +156,7 @@ def to_date(ra, dec, frame, time):
     Raises
     ------
     ValueError
-        A time outside 1900 to 2100.
+        A time is outside 1900 to 2100.
     """
     if frame.kind == 'apparent':
         return np.asarray(ra, float), np.asarray(dec, float)
@@ -166,26 +167,25 @@ def to_date(ra, dec, frame, time):
 
 @dataclass(frozen=True)
 class Solved:
-    """Right ascensions and declinations of the rows of a run, before they were made observed.
+    """Right ascensions and declinations of a run, before conversion to observed places.
 
     Parameters
     ----------
     lines : ndarray of int, shape (n,)
-        Lines of the file, as `PointingRun.lines`.
+        Lines of the file, see `PointingRun.lines`.
     ra, dec : ndarray, shape (n,)
         As given, radians.
     time : ndarray, shape (n,)
         UTC, seconds since 1970.
     frame : Frame
-        Declared, or taken where none was.
+        Declared, or assumed if none was.
     declared : bool
-        Whether the file, or its reader's caller, names the frame.
+        Whether the file or the caller names the frame.
     site : Site
     weather : Weather
         Of each row.
     from_images : bool
-        Whether the rows are solutions of images (they have a sigma or their own scale), not
-        places of catalogue stars.
+        Whether the rows are plate solutions (with a sigma or scale), not catalogue stars.
     """
 
     lines: np.ndarray
@@ -199,24 +199,25 @@ class Solved:
     from_images: bool = False
 
     def observed(self, frame=None, ra=None):
-        """Observed azimuth and elevation, radians, if the places were of another frame.
+        """Observed azimuth and elevation, radians, also with another frame.
 
         Parameters
         ----------
         frame : Frame, optional
+            Replaces the frame of the places.
         ra : ndarray, shape (n,), optional
-            Other right ascensions in their place.
+            Replaces their right ascensions.
         """
         ra, dec = to_icrs(self.ra if ra is None else ra, self.dec, frame or self.frame, self.time)
         return icrs_to_observed(ra, dec, self.time, self.site, self.weather)
 
     def at(self, lines):
-        """Those of some lines, in their order.
+        """The places of some lines, in the order of these.
 
         Parameters
         ----------
         lines : ndarray of int, shape (m,)
-            Lines that are there.
+            A subset of `self.lines`.
         """
         order = np.argsort(self.lines, kind='stable')
         rows = order[np.searchsorted(self.lines[order], lines)]

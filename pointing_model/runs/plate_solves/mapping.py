@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which keywords of an image are what: the small YAML beside a folder of images."""
+"""The YAML file in a folder of images that maps their keywords to columns of a run."""
 
 import difflib
 import re
@@ -25,12 +25,12 @@ from pointing_model.runs.run import COLUMNS, column_name
 
 from .frames import Frame, parse_frame
 
-#: moments of an exposure, as parts of it
+#: moments of an exposure, as fractions of it
 MOMENTS = {'start': 0.0, 'middle': 0.5, 'end': 1.0}
 SITE = ('latitude_deg', 'longitude_deg', 'height_m')
 _KEYS = ('images', 'keywords', 'mount', 'site', 'time_is', 'encoders_at', 'frame', 'readings',
          'boresight')
-#: names of columns with a meaning that `keywords` may give
+#: further columns that `keywords` may give
 OTHERS = ('exposure_s', 'sigma_arcsec', 'telescope', 'pier_side', 'ra_enc_deg')
 _PLACES = ('az_deg', 'el_deg', 'ra_deg', 'dec_deg', 'ha_deg', 'scale_arcsec_px', 'parity')
 PATTERNS = ('*.fits', '*.fit', '*.fts', '*.fits.gz', '*.fits.fz')
@@ -38,9 +38,9 @@ PATTERNS = ('*.fits', '*.fit', '*.fts', '*.fits.gz', '*.fits.fz')
 
 @dataclass(frozen=True)
 class Keyword:
-    """A column of a run from an image: ``scale`` times the keyword (or keywords) plus ``offset``.
+    """A column of a run: ``scale`` times the value of the keyword plus ``offset``.
 
-    `constant` takes the place of the keyword where it is not None.
+    Several `names` are date and time. `constant`, if not None, replaces the keyword.
     """
 
     names: tuple = ()
@@ -51,31 +51,31 @@ class Keyword:
 
 @dataclass(frozen=True)
 class Mapping:
-    """What a mount's images say, and where.
+    """Contents of the YAML file.
 
     Attributes
     ----------
     path : Path
         The YAML file.
     patterns : tuple of str
-        Of the images, beside it.
+        File name patterns of the images in its folder.
     columns : dict of str to Keyword
-        By the names of columns in a CSV file.
+        Keys are column names of a CSV file.
     site : dict of str to Keyword
-        By the names of `SITE`.
+        Keys are the names of `SITE`.
     shift : float
-        Part of the exposure from the moment that the time names to that at which the encoders
-        were read.
+        Time from the moment of the time keyword to the encoder reading, as a fraction of the
+        exposure.
     names : MountKind
-        Of the axes whose readings are given.
+        Names of the axes of the readings.
     mount : str or None
-        As `mounts.parse_mount` takes it.
+        See `mounts.parse_mount`.
     frame : Frame or None
-        In place of what the images say.
+        Replaces the frame of the images.
     readings : Frame or None
-        Of a mount's right ascension and declination in place of its hour angle; None: of date.
+        Frame of readings given as right ascension and declination; None: of date.
     boresight : tuple of float, or None
-        Pixel that the mount points (FITS: the first is 1); None: the middle of the image.
+        Pixel that the mount points (FITS: counted from 1); None: the middle of the image.
     """
 
     path: Path
@@ -100,7 +100,7 @@ class Mapping:
         Raises
         ------
         ValueError
-            There is none.
+            There are none.
         """
         folder = Path(folder) if folder is not None else self.path.parent
         found = sorted({file for pattern in self.patterns for file in folder.glob(pattern)
@@ -111,7 +111,7 @@ class Mapping:
 
 
 def looks_like_mapping(path):
-    """Whether a file is such a YAML, by its name."""
+    """Whether a file is a YAML file, by its name."""
     return Path(path).suffix.lower() in ('.yaml', '.yml')
 
 
@@ -129,11 +129,11 @@ def load_mapping(path):
     Raises
     ------
     ValueError
-        Not YAML, an unknown key, a keyword that is none, or a moment that is not said.
+        The file is not YAML, has an unknown key or an invalid keyword, or lacks a moment.
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
-    import yaml  # for folders of images alone
+    import yaml  # only needed for folders of images
     path = Path(path)
     try:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
@@ -215,7 +215,7 @@ def _site(path, given):
 
 
 def _shift(path, document, columns):
-    """From the time's moment to the encoders', as a part of the exposure."""
+    """Time from the moment of the time keyword to the encoder reading, in exposures."""
     moments = []
     for key in ('time_is', 'encoders_at'):
         value = document.get(key)
@@ -232,7 +232,7 @@ def _shift(path, document, columns):
 
 
 def _readings(names, columns):
-    """Columns of both encoders; of a celestial mount the right ascension where that is given."""
+    """Names of the reading columns; ``ra_enc_deg`` for an equatorial mount that has it."""
     first, second = (column_name(f'{axis}_enc', names) for axis in ('az', 'el'))
     return 'ra_enc_deg' if names.celestial and 'ra_enc_deg' in columns else first, second
 
@@ -263,21 +263,21 @@ def _boresight(path, given):
 
 
 class NotThere(ValueError):
-    """An image lacks what a row needs; the text says what."""
+    """An image lacks data that a row needs; the text says which."""
 
 
 _CD, _PC = re.compile(r'CD(\d_\d|\d{6})'), re.compile(r'PC(\d_\d|\d{6})')
 _CROTA, _PV = re.compile(r'CROTA\d'), re.compile(r'PV\d_\d+')
 _SIP = re.compile(r'(A|B|AP|BP)_(ORDER|DMAX|\d+_\d+)')
-#: keywords of the one description that has no letter at its end
+#: keywords of the primary WCS, which has no letter at the end of its keywords
 WCS = re.compile('|'.join([*(p.pattern for p in (_CD, _PC, _CROTA, _PV, _SIP)),
                            r'C(TYPE|RPIX|RVAL|DELT|UNIT)\d', 'LONPOLE', 'LATPOLE', 'WAT.*']))
-#: projections of IRAF: what bends them is in WAT, which is not read
+#: projections of IRAF: their distortion is in WAT keywords, which are not read
 _UNREAD = ('TNX', 'ZPX')
 
 
 def readings(header):
-    """What the WCS of a header may mean.
+    """Possible interpretations of the WCS in a header.
 
     Parameters
     ----------
@@ -286,14 +286,15 @@ def readings(header):
     Returns
     -------
     headers : list of Header
-        One, or several of which it is not known which counts: the first as the standard has it.
+        One, or two if the WCS is ambiguous: the first follows the standard.
     said : str
-        What is in it twice.
+        The ambiguity, '' if there is none.
 
     Raises
     ------
     NotThere
-        PC beside CD, a keyword twice with different values, or a projection that is not read.
+        PC occurs beside CD, a keyword occurs twice with different values, or the projection is not
+        supported.
     """
     if _has(header, _CD) and _has(header, _PC):
         raise NotThere('its WCS has PC beside CD, which the FITS standard forbids: which counts is '
@@ -302,7 +303,7 @@ def readings(header):
     code = str(header['CTYPE1'])[5:8].upper()
     if code in _UNREAD:
         raise NotThere(f'its WCS has the projection {code}, whose distortion is not read')
-    # TAN has no PV of the second axis: it is what SCAMP wrote before TPV had a name
+    # TAN has no PV of the second axis: SCAMP wrote TPV under this name before it had its own
     if code == 'TAN' and any(key.startswith('PV2_') for key in header):
         tpv = without(header, _SIP)
         for key in ('CTYPE1', 'CTYPE2'):
@@ -319,7 +320,7 @@ def readings(header):
 
 
 def refuse_twice(header, names):
-    """Refuse a keyword that is there several times, with different values.
+    """Refuse a keyword that occurs several times with different values.
 
     Raises
     ------

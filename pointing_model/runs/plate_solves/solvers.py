@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The plate solvers that are known, and one image through one of them."""
+"""Run a plate solver (solve-field or ASTAP) on an image."""
 
 import contextlib
 import os
@@ -27,18 +27,18 @@ import numpy as np
 
 from .fits_images import NotThere, astropy_fits, read_header, solution_of
 
-#: solver -> names of its program, and where it comes from
+#: solver -> names of its program, and what to install
 PROGRAMS = {
     'solve-field': (('solve-field',), 'astrometry.net and index files for the field, in Debian '
                     'astrometry.net, astrometry-data-tycho2-10-19 (fields wider than 1 degree)'),
     'astap': (('astap_cli', 'astap'), 'astap and its star database'),
 }
-#: for one image, s
+#: time limit for one image, s
 TIMEOUT = 120.0
-_GRACE = 5.0  # s beyond its own limit, before a solver is ended
-_FREE = 6  # degrees of freedom, below which the scatter of the stars gives no sigma
-_BLEND = 10.0  # times the median distance, beyond which a matched star is none
-_TAIL = 120  # characters of what a solver says last
+_GRACE = 5.0  # s: a solver is killed this long after its own time limit
+_FREE = 6  # with fewer degrees of freedom the scatter of the stars gives no sigma
+_BLEND = 10.0  # times the median distance: matched stars farther off are false matches
+_TAIL = 120  # characters of a solver's last output line to quote
 
 
 class NoSolver(ValueError):
@@ -52,7 +52,7 @@ class NotSolved(Exception):
     ----------
     text : str
     hung : bool
-        Whether the solver had to be ended.
+        Whether the solver had to be killed.
     """
 
     def __init__(self, text, hung=False):
@@ -73,10 +73,10 @@ class PlateSolver:
     timeout : float
         Seconds for one image.
     scale : tuple of float, or None
-        Least and greatest image scale, arcsec a pixel.
+        Smallest and largest image scale, arcsec per pixel.
     quick : bool
-        Leave out what solve-field does for crowded and striped images: each step is a process of
-        its own, and three quarters of the time.
+        Skip solve-field's steps for crowded and striped images: each is a separate process, and
+        together they take three quarters of the time.
     """
 
     kind: str
@@ -92,21 +92,21 @@ class PlateSolver:
         ----------
         image : Path
         boresight : tuple of float, optional
-            As of `solution_of`.
+            See `solution_of`.
 
         Returns
         -------
-        solution : pointing_model.runs.plate_solves.fits_images.Solution
+        solution : pointing_model.runs.plate_solves.fits_images.PlateSolution
         sigma_arcsec : float
-            1-sigma error of the place, an axis, from the scatter of the matched stars; NaN where
+            1-sigma error of the place in each axis, from the scatter of the matched stars; NaN if
             the solver gives none.
 
         Raises
         ------
         NotSolved
-            No solution, no time left, or the solver broke down.
+            There is no solution, the time is over, or the solver failed.
         NoSolver
-            It cannot be started.
+            The solver cannot be started.
         """
         with tempfile.TemporaryDirectory(prefix='solve_') as folder:
             folder = Path(folder)
@@ -119,12 +119,12 @@ class PlateSolver:
                 raise NotSolved(f'{self.kind} gave no place: {error}') from None
 
     def command(self, image, folder):
-        """Words of the command that solves `image` and writes into `folder`."""
+        """Arguments of the command that solves `image` and writes into `folder`."""
         if self.kind == 'astap':
             words = [self.program, '-f', str(image), '-r', '180', '-o', str(folder / 'solved')]
             return words if self.scale is None else [*words, '-fov', f'{self._height(image):.6g}']
         words = [self.program, '--no-plots', '--overwrite', '--no-verify', '--new-fits', 'none',
-                 # about another point the field would be curved, and the fit would have to bend
+                 # about another reference point the field is curved, and the fit must absorb it
                  '--crpix-center',
                  '--dir', str(folder), '--temp-dir', str(folder), '--out', 'solved',
                  '--cpulimit', str(max(int(self.timeout), 1))]
@@ -136,7 +136,7 @@ class PlateSolver:
         return [*words, str(image)]
 
     def _height(self, image):
-        """Height of the field, degrees, at the middle of the scales."""
+        """Height of the field, degrees, at the geometric mean of the scales."""
         try:
             rows = float(read_header(image)['NAXIS2'])
         except (NotThere, KeyError) as error:
@@ -144,10 +144,10 @@ class PlateSolver:
         return rows * float(np.sqrt(self.scale[0] * self.scale[1])) / 3600.0
 
     def _run(self, image, folder):
-        """What the solver says; it and all that it started are ended when its time is over."""
+        """Run the solver, with a time limit for all its processes; its last line of output."""
         with open(folder / 'said.txt', 'w+', encoding='utf-8', errors='replace') as output:
             try:
-                # its own group: solve-field leaves its engine behind when it is killed alone
+                # a process group: killing solve-field alone leaves its engine running
                 process = subprocess.Popen(
                     self.command(image.absolute(), folder), stdin=subprocess.DEVNULL, stdout=output,
                     stderr=subprocess.STDOUT, cwd=folder, start_new_session=True)
@@ -170,7 +170,7 @@ class PlateSolver:
 
 
 def _end(process):
-    """End a process that still runs, with all that it started."""
+    """Kill a process that still runs, with its process group."""
     if process.poll() is None:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
@@ -178,14 +178,14 @@ def _end(process):
 
 
 def find_solver(name=None, timeout=TIMEOUT, scale=None):
-    """The solver that is requested, or the first that is installed.
+    """The requested solver, or the first that is installed.
 
     Parameters
     ----------
     name : str, optional
         One of `PROGRAMS`, or the path of one of their programs.
     timeout, scale
-        As of `PlateSolver`.
+        See `PlateSolver`.
 
     Returns
     -------
@@ -194,7 +194,7 @@ def find_solver(name=None, timeout=TIMEOUT, scale=None):
     Raises
     ------
     NoSolver
-        It is not installed, or of no known kind.
+        It is not installed, or unknown.
     """
     astropy_fits()
     for kind, (programs, _) in PROGRAMS.items():
@@ -233,10 +233,10 @@ def _read_solve_field(folder, image, output):
 
 
 def _match_sigma(path, size):
-    """Error of the place of the middle by how far the matched stars lie from the catalogue's.
+    """Error of the place of the image centre in each axis, arcsec, from the matched stars.
 
-    solve-field fits polynomials of the second order in both pixels; the error of such a fit in
-    the middle of the image, an axis, arcsec. NaN with too few stars.
+    It is the standard error at the centre of a second-order polynomial fit in both pixel
+    coordinates, as solve-field makes it. NaN if there are too few stars.
     """
     fits, _ = astropy_fits()
     try:
@@ -249,7 +249,7 @@ def _match_sigma(path, size):
         ((ra_seen - ra + 180.0) % 360.0 - 180.0) * np.cos(np.radians(dec)), dec_seen - dec))
     u, v = (2.0 * value / pixels - 1.0 for value, pixels in zip((x, y), size))
     columns = np.stack((np.ones_like(u), u, v, u * u, u * v, v * v))
-    # blends and chance matches, which the solver gives little weight
+    # exclude blends and chance matches, to which the solver gives little weight
     far = np.hypot(*away)
     good = np.isfinite(far) & (far <= _BLEND * np.median(far))
     free = 2 * (int(good.sum()) - len(columns))

@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Programs whose models are read and written: a file for each, whose `PROGRAM` is found by itself.
+"""Programs whose models are read and written: one module each, which defines a `PROGRAM`.
 
-It says the program's terms, signs and units, what it computes, its file; ``--to`` of `export` takes
-its name, which is that of its module.
+It gives the program's terms, signs and units, what the program computes, and its file format.
+``--to`` of `export` takes its name, which is that of the module.
 """
 
 from importlib import import_module
 from pkgutil import iter_modules
 
 _MODULES = [import_module(f'.{module.name}', __name__) for module in iter_modules(__path__)]
-#: what modules of this package declare, by name; in the order in which a file is looked at
+#: name -> program, in the order in which a file is tested
 PROGRAMS = {module.PROGRAM.name: module.PROGRAM for module in _MODULES
             if hasattr(module, 'PROGRAM')}

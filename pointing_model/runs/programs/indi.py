@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""INDI's alignment database, which its SPK plug-in fits its model to (indilib libs/alignment).
+"""INDI's alignment database, to which its SPK plug-in fits its model (indilib libs/alignment).
 
-INDI reads no coefficients: it keeps synchronisation points in
+INDI reads no coefficients. It keeps synchronisation points in
 ``~/.indi/DEVICE_alignment_database.xml``, each a Julian date, apparent right ascension (h) and
-declination (deg) and the direction of the mount as a vector, and fits IA IE AN AW CA TF to them, to
-first order at the mount's angles (`Pmfit`; fewer terms to fewer than six points). Those then act as
-the rotations of SPK. A model is written as points to which that fit gives its coefficients, and
-read as what INDI would fit.
+declination (deg) and the direction of the mount as a vector. It fits IA IE AN AW CA TF to them, to
+first order at the mount's angles (`Pmfit`; fewer terms to fewer than six points), and applies these
+as the rotations of SPK. A model is written as points from which this fit returns its coefficients,
+and read by repeating INDI's fit.
 
-Of an equatorial mount the terms are IH ID ME MA CH TF, and the vector is that of the right
-ascension and declination that the mount reads. It has no side of the pier, through which ID, CH and
-NP of a German mount change their sign: so a database is of one side.
+For an equatorial mount the terms are IH ID ME MA CH TF, and the vector is the direction of the
+mount's right ascension and declination. It has no pier side. ID, CH and NP of a German mount change
+sign with it, so a database is for one side.
 """
 
 import re
@@ -43,10 +43,10 @@ from . import spk
 #: Pmfit's terms in its order -> its coefficient for a unit of ours
 _TERMS = {'IA': 1, 'IE': -1, 'AN': 1, 'AW': 1, 'CA': 1, 'TF': 1}
 _OWN = {TERM_KEYS[name]: [(name, float(sign))] for name, sign in _TERMS.items()}
-#: the same of an equatorial mount
+#: the same for an equatorial mount
 _EQUATORIAL = {'IH': -1, 'ID': -1, 'ME': -1, 'MA': -1, 'CH': -1, 'TF': 1}
 _HOUR = 15.0 * DEG
-#: of all points that are written: only the sidereal time follows from it
+#: Julian date of all points written; only the sidereal time depends on it
 _DATE = 2461041.5
 _POINTS, _LOW, _HIGH = 30, 20.0 * DEG, 70.0 * DEG
 _STEPS = 20
@@ -56,7 +56,7 @@ _FIELDS = ('ObservationJulianDate', 'RightAscension', 'Declination', 'TelescopeD
 
 
 def _sidereal(date, longitude):
-    """Apparent sidereal time as libnova has it (IAU 1982 and 1980, UT1 = UTC), radians."""
+    """Apparent sidereal time as in libnova (IAU 1982 and 1980, UT1 = UTC), radians."""
     return erfa.gst94(2400000.5, np.asarray(date) - 2400000.5) + longitude
 
 
@@ -85,12 +85,12 @@ def _spread(count=_POINTS):
 
 
 def _made(wanted, first, second, encoder, mount=ALTAZ):
-    """Readings at which Pmfit finds the values wanted."""
+    """Readings to which Pmfit fits the wanted values."""
     made = dict(wanted)
     for _ in range(_STEPS):
         a, e = encoder(made, first, second)
         fitted = _fitted(list(wanted), first, second, a, e, mount)[0]
-        # a first-order fit to rotations is off by the second order: the points make up for it
+        # a first-order fit to rotations has second-order errors: adjust the points
         made = {key: made[key] + wanted[key] - fitted[key] for key in wanted}
     return a, e
 
@@ -109,7 +109,7 @@ def _file(sheet, ra, dec, vectors):
 
 
 def _degrees(text):
-    """Decimal, or degrees (hours), minutes and seconds, as f_scansexa takes them."""
+    """A decimal number, or degrees (hours), minutes and seconds, as read by f_scansexa."""
     parts = [float(p) for p in re.findall(r'\d+\.?\d*(?:[eE][-+]?\d+)?', text)]
     if not 1 <= len(parts) <= 3:
         return np.nan
@@ -156,12 +156,12 @@ def _read(path, text):
 
 
 def _count(points):
-    """Of how many terms INDI fits so many points."""
+    """Number of terms that INDI fits to this number of points."""
     return 2 if points < 3 else 4 if points < 5 else 5 if points < 6 else 6
 
 
 def _file_of(path, keys, values, left, points, kind):
-    """What was fitted to the points of a database."""
+    """The `ModelFile` from a fit to the points of a database."""
     if not left < _FAR:
         raise ValueError(f'{path}: its points are {left / DEG:.3g} degrees off any model of {kind}')
     count = len(keys)
@@ -175,14 +175,14 @@ def _file_of(path, keys, values, left, points, kind):
 
 
 def _fitted(keys, az, el, a, e, mount=ALTAZ):
-    """Pmfit: values by column, and the RMS that is left, radians."""
+    """INDI's Pmfit: values by column, and RMS of the residuals, radians."""
     values = dict.fromkeys(keys, 0.0)
     there = [on_sky(key, a, e, mount) for key in keys]
     here = np.stack([np.ravel(on_sky(key, az, el, mount)) for key in keys], axis=1)
     last = np.inf
     for _ in range(_STEPS):
         lon, lat = a, e
-        for value, (x, y) in zip(values.values(), there):  # one after the other, as there
+        for value, (x, y) in zip(values.values(), there):  # one after the other, as in Pmfit
             lon, lat = lon - value * x / np.cos(lat), lat - value * y
         left = np.concatenate([wrap(lon - az) * np.cos(el), lat - el])
         step = np.linalg.lstsq(here, left, rcond=1e-12)[0]
@@ -194,7 +194,7 @@ def _fitted(keys, az, el, a, e, mount=ALTAZ):
 
 
 def _for_mount(mount):
-    """INDI of an equatorial mount: what it fits acts on the sky, on whichever side of the pier."""
+    """INDI for an equatorial mount: its terms act on the sky, the same on both pier sides."""
     plain = spk.PROGRAM.for_mount(mount).encoder
 
     def encoder(values, first, second):

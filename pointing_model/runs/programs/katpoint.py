@@ -14,9 +14,9 @@
 
 """katpoint's `PointingModel` (ska-sa/katpoint, katpoint/pointing.py): P1 to P22 of an alt-az dish.
 
-Its offset is added to the requested angles, so encoder - catalogue, in first order at the catalogue
-place, azimuth from north through east; P2 and P10 do nothing there. Its own remarks on TPOINT's
-signs are of the opposite correction but for AN and AW.
+Its offset is added to the requested angles, so it is encoder - catalogue, to first order at the
+catalogue place, azimuth from north through east. P2 and P10 have no effect. Its remarks on TPOINT's
+signs are for the opposite correction, except for AN and AW.
 """
 
 import configparser
@@ -30,7 +30,7 @@ from ..model_files.program import ModelFile, Program, number_of
 from ..model_files.term_columns import column, summed
 
 _A, _E = (lambda f, k=1: (f, 'A', k)), (lambda f, k=1: (f, 'E', k))
-#: name -> (column, sign, what katpoint says of it)
+#: name -> (column, sign, katpoint's description)
 TERMS = {
     'P1': (column('az'), 1, 'az offset'),
     'P3': (column('np'), 1, 'non-perpendicularity of az/el axes'),
@@ -53,11 +53,11 @@ TERMS = {
     'P21': (column('el', _A('cos')), 1, 'elevation nod once per az revolution'),
     'P22': (column('el', _A('sin')), 1, 'elevation nod once per az revolution'),
 }
-#: these are no angles
+#: parameters that are not angles
 SCALES = ('P9', 'P12')
 _OWN = {key: [(name, float(sign))] for name, (key, sign, _) in TERMS.items()}
 _COUNT = 22
-_NEAREST = np.radians(0.1)  # of the zenith: katpoint keeps sec E at what it is there
+_NEAREST = np.radians(0.1)  # nearer to the zenith katpoint uses sec E at this distance
 
 
 def _encoder(values, az, el):
@@ -66,12 +66,12 @@ def _encoder(values, az, el):
 
 
 def _value_text(name, value):
-    # decimal degrees: katpoint's own sexagesimal text ends at 0.1 arcsec
+    # decimal degrees: katpoint's sexagesimal text is rounded to 0.1 arcsec
     return f'{value:.15g}' if name in SCALES else f'{value / DEG:.12f}'
 
 
 def description(terms):
-    """katpoint's one-line form, P1 up to the last that is not zero."""
+    """katpoint's one-line form: P1 to the last parameter that is not zero."""
     last = max((int(name[1:]) for name, value in terms.items() if value), default=0)
     return ' '.join(_value_text(f'P{i}', terms.get(f'P{i}', 0.0)) if terms.get(f'P{i}') else '0'
                     for i in range(1, last + 1))

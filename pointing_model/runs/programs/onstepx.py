@@ -15,9 +15,9 @@
 """The align model of OnStepX (hjd1964/OnStepX, src/telescope/mount/coordinates/Align.hs.cpp).
 
 Set by the commands ``:SX0n,value#`` in whole arcseconds (phases in whole degrees) and made active
-by ``:SX09,2#`` (src/telescope/mount/goto/Goto.command.cpp); ``:AW#`` keeps it. Of an alt-azimuth
-mount, encoder - catalogue, azimuth from north through east, to first order in the angles of the
-mount before its indices.
+by ``:SX09,2#`` (src/telescope/mount/goto/Goto.command.cpp); ``:AW#`` saves it. For an alt-azimuth
+mount it is encoder - catalogue, azimuth from north through east, to first order at the mount's
+angles without the zeros.
 """
 
 import re
@@ -31,7 +31,7 @@ from ..model_files.program import ModelFile, Program, for_celestial, number_of
 from ..model_files.term_columns import KEY_TERMS, TERM_KEYS, column, summed
 
 _WAVES = {'hca': ('az', 'A'), 'dca': ('el', 'E')}
-#: number of the command -> its name there
+#: number of the command -> OnStepX's name
 _COMMANDS = {'0': 'ax1Cor', '1': 'ax2Cor', '2': 'altCor', '3': 'azmCor', '4': 'doCor',
              '5': 'pdCor', '6': 'dfCor', '8': 'tfCor', 'a': 'hcp', 'b': 'hca', 'c': 'dcp',
              'd': 'dca'}
@@ -41,12 +41,12 @@ _TERMS = {'ax1Cor': (TERM_KEYS['IA'], -1), 'ax2Cor': (TERM_KEYS['IE'], 1),
           'doCor': (TERM_KEYS['CA'], 1), 'pdCor': (TERM_KEYS['NPAE'], -1),
           'dfCor': (TERM_KEYS['HECA'], 1), 'tfCor': (TERM_KEYS['TF'], -1)}
 _OWN = {key: [(name, float(sign))] for name, (key, sign) in _TERMS.items()}
-# amplitude and phase, by cosine and sine until they are written; elevation's cosine is tfCor
+# waves are kept as cosine and sine, written as amplitude and phase; cos E in elevation is tfCor
 for _name, (_result, _angle) in _WAVES.items():
     for _f in ('cos', 'sin'):
         _OWN.setdefault(column(_result, (_f, _angle, 1)), [(f'{_name} {_f}', 1.0)])
-#: of an equatorial mount; dfCor is the fork's. What it is of a German one, a flexure of the
-#: declination axis that lifts the declination, no term of ours is
+#: the same for an equatorial mount. dfCor is for a fork; on a German mount it is flexure of the
+#: declination axis that changes the declination, for which there is no term here
 _EQUATORIAL = {'ax1Cor': ('IH', -1), 'ax2Cor': ('ID', 1), 'altCor': ('ME', 1), 'azmCor': ('MA', 1),
                'doCor': ('CH', 1), 'pdCor': ('NP', -1), 'dfCor': ('FO', 1), 'tfCor': ('TF', -1)}
 _INDEX = tuple(TERM_KEYS[name] for name in ('IA', 'IE'))
@@ -64,7 +64,7 @@ def _column(name):
 def _encoder(values, az, el, mount=ALTAZ, index=_INDEX):
     moved = {key: value for key, value in values.items() if key not in index}
     a, e = np.asarray(az, float), np.asarray(el, float)
-    for _ in range(3):  # as there
+    for _ in range(3):  # as in OnStepX
         x, y = summed(moved, a, e, mount)
         a, e = az + x / np.cos(e), el + y
     return a + values.get(index[0], 0.0), e + values.get(index[1], 0.0)
@@ -124,7 +124,7 @@ def _read(path, text):
 
 
 def _for_mount(mount):
-    """OnStepX of an equatorial mount, on both sides of the pier."""
+    """OnStepX for an equatorial mount, on both pier sides."""
     terms = {name: row for name, row in _EQUATORIAL.items()
              if name != 'dfCor' or not mount.two_sided}
     index = tuple((name, ()) for name in mount.names.index)

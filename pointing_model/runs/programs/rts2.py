@@ -15,9 +15,9 @@
 """RTS2's gpoint models of alt-azimuth mounts (lib/rts2tel/gpointmodel.cpp, python/rts2/gpoint.py).
 
 A line ``RTS2_ALTAZ ia tn te npae npoa ie tf`` and lines ``axis coefficient function angle;angle
-number;number``; angles in radians, or with d, m or ', s or ". What they add takes the target to
-the mount, in first order at the target, with the azimuth of libnova: zero in the south, 90 degrees
-in the west (the example of its manual shows it), A - 180 degrees.
+number;number``; angles in radians, or with the units d, m or ', s or ". The terms are added to the
+target to get the mount's angles, to first order at the target. The azimuth is that of libnova: 0
+south, 90 degrees west (shown by the example in its manual), A - 180 degrees.
 """
 
 import re
@@ -28,18 +28,18 @@ from pointing_model.mounts import ALTAZ
 from ..model_files.program import ModelFile, Program, first_order, for_celestial, number_of
 from ..model_files.term_columns import TERM_KEYS, column
 
-#: of the line, in its order: the column, and RTS2's coefficient for a unit of ours
+#: coefficients in the order of the line -> our term, and RTS2's coefficient for a unit of ours
 _LINE = {'ia': ('IA', -1), 'tn': ('AN', -1), 'te': ('AW', 1), 'npae': ('NPAE', -1),
          'npoa': ('CA', 1), 'ie': ('IE', -1), 'tf': ('TF', 1)}
 _NAMES = {TERM_KEYS[name]: (own, sign) for own, (name, sign) in _LINE.items()}
-#: of an equatorial mount, RTS2_GEM (RTS2_MODEL of its C++); declinations beyond 90 degrees are
-#: those of a tube that went through the pole
+#: the same for an equatorial mount, RTS2_GEM (RTS2_MODEL in its C++); declinations beyond 90
+#: degrees are through the pole
 _GEM = {'id': ('ID', 1), 'me': ('ME', 1), 'ma': ('MA', 1), 'tf': ('TF', -1), 'ih': ('IH', 1),
         'ch': ('CH', 1), 'np': ('NP', 1), 'daf': ('DAF', -1), 'fo': ('FO', 1)}
 _AXES = {'az': 'az', 'el': 'el', 'alt': 'el'}
 _PAIRS = {'sincos': ('sin', 'cos'), 'coscos': ('cos', 'cos'), 'sinsin': ('sin', 'sin')}
 _SINGLE = ('sin', 'cos', 'tan', 'cot', 'abssin', 'abscos', 'sinh', 'cosh', 'tanh')
-#: its C++ and its Python compute different things of these
+#: functions that RTS2's C++ and Python compute differently
 _DISPUTED = {'sinsin': 'the C++ leaves its coefficient out', 'csc': 'the C++ takes it for sec',
              'sec': 'the C++ takes it for csc', 'sech': 'the C++ takes it for csch',
              'csch': 'the C++ takes it for sech', 'coth': 'C++ and Python differ in its argument',
@@ -48,7 +48,7 @@ _UNITS = {'d': DEG, "'": DEG / 60.0, 'm': DEG / 60.0, '"': ARCSEC, 's': ARCSEC}
 
 
 def _factor(function, angle, k):
-    """(sign, factor) of a function of k times the angle as RTS2 counts it; None where not one."""
+    """(sign, factor) of a function of k times RTS2's angle; None if it is not one factor."""
     if angle == 'el':
         return 1, (function, 'E', k)
     if angle == 'zd':
@@ -66,7 +66,7 @@ def _factor(function, angle, k):
 
 
 def _key(name):
-    """(column, sign) of an extra line by its name ``az sincos az;el 2;1``, or None."""
+    """(column, sign) of an extra line from its name, as ``az sincos az;el 2;1``, or None."""
     axis, function, angles, numbers = name.split(' ')
     angles, numbers = angles.split(';'), [float(n) for n in numbers.split(';')]
     functions = _PAIRS.get(function, (function,))
@@ -87,7 +87,7 @@ def _own(key):
     result, factors = key
     if result not in ('az', 'el') or not 1 <= len(factors) <= 2:
         return None
-    # its product of sines is not to be trusted
+    # sine first: RTS2 has sincos but no cossin
     factors = sorted(factors, key=lambda f: f[0] != 'sin')
     function = ''.join(f for f, _, _ in factors)
     if function not in (*_PAIRS, *_SINGLE) or function in _DISPUTED:
@@ -129,13 +129,13 @@ def _write(sheet):
 
 
 def _write_gem(sheet):
-    # its C++ takes any name but RTS2_ALTAZ, its Python both
+    # RTS2's C++ accepts any name but RTS2_ALTAZ, its Python accepts both
     return f'# {sheet.caption}\nRTS2_MODEL ' + ' '.join(
         f'{sheet.terms.get(name, 0.0) / ARCSEC:.7f}"' for name in _GEM) + '\n'
 
 
 def _for_mount(mount):
-    """gpoint of an equatorial mount: nine terms, in first order."""
+    """gpoint for an equatorial mount: nine terms, to first order."""
     return for_celestial(
         PROGRAM, mount, _GEM, write=_write_gem,
         encoder=lambda values, az, el: first_order(values, az, el, mount),

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The pointing model of SPK, the kernel that INDI's SPK plug-in runs (indilib libs/alignment/spk).
+"""The pointing model of SPK, the kernel of INDI's SPK plug-in (indilib libs/alignment/spk).
 
-Seven coefficients of `spkPM`, exact rotations (P. T. Wallace 2002, SPIE 4848, 125), written as the
-C assignments of its demonstrations, radians by AS2R. INDI's plug-in has no file for them: it fits
-six of them (no NP) to its synchronisation points; its VD is times cos E, as TF is; in SPK as
-published VD is an angle, to be given as TF cos E at each target.
+It has the seven coefficients of `spkPM`, exact rotations (P. T. Wallace 2002, SPIE 4848, 125). They
+are written as the C assignments of its demonstrations, converted to radians by AS2R. INDI's plug-in
+has no file for them: it fits six (no NP) to its synchronisation points. There VD is multiplied by
+cos E, like TF; in SPK as published VD is an angle, to be given as TF cos E for each target.
 """
 
 import re
@@ -34,17 +34,17 @@ from ..model_files.term_columns import TERM_KEYS
 #: member of spkPM -> our term and SPK's coefficient for a unit of ours
 _MEMBERS = {'pia': ('IA', 1), 'pib': ('IE', -1), 'pvd': ('TF', 1), 'pca': ('CA', 1),
             'pnp': ('NPAE', 1), 'paw': ('AW', 1), 'pan': ('AN', 1)}
-#: of an equatorial mount, whose roll is the hour angle backwards
+#: the same for an equatorial mount, whose roll is minus the hour angle
 _EQUATORIAL = {'pia': ('IH', 1), 'pib': ('ID', -1), 'pvd': ('TF', 1), 'pca': ('CH', 1),
                'pnp': ('NP', 1), 'paw': ('MA', 1), 'pan': ('ME', -1)}
 _MEANINGS = {'pia': 'IA', 'pib': 'IE', 'pvd': 'TF: times cos E', 'pca': 'CA', 'pnp': 'NPAE',
          'paw': 'AW', 'pan': 'AN'}
 _OWN = {TERM_KEYS[name]: [(own, float(sign))] for own, (name, sign) in _MEMBERS.items()}
-_PASSES = 4  # each shrinks the error of where the droop is taken by the terms' size
+_PASSES = 4  # each reduces the error of the place of the droop by a factor of the terms' size
 
 
 def _attitude(mount, an, aw):
-    """From south, east, up to the mount: the colatitude, then -AN about y, then AW about x."""
+    """Rotation from (south, east, up) to the mount: colatitude, then -AN about y, AW about x."""
     plain = np.eye(3)
     nominal = plain if mount.vertical else erfa.ufunc.ry(mount.latitude - 0.5 * np.pi, plain)
     return erfa.ufunc.rx(aw, plain) @ erfa.ufunc.ry(-an, plain) @ nominal
@@ -62,7 +62,7 @@ def _posture(aim, tel, sn, cn, side=1.0):
     """Roll and pitch that bring the telescope vector onto the aim; side -1: through the pole."""
     lean = np.arctan2(tel[2], tel[0])
     s = aim[2] + sn * tel[1]
-    with np.errstate(invalid='ignore'):  # nearer to the pole than the axes allow
+    with np.errstate(invalid='ignore'):  # NaN where the axes cannot point, near the pole
         c = np.sqrt(aim[0]**2 + aim[1]**2 - tel[1] * (2.0 * aim[2] * sn + tel[1]) - sn**2)
     pitch = np.arctan2(s, side * c) - lean
     sb, cb = np.sin(pitch), np.cos(pitch)
@@ -72,13 +72,13 @@ def _posture(aim, tel, sn, cn, side=1.0):
 
 
 def _drooped(roll, pitch, mount, tel, p, sn, cn, side=1.0):
-    """The telescope vector with the droop at a posture."""
+    """The telescope vector with the droop at this roll and pitch."""
     shape = np.shape(roll)
     az, el = _angles(mount.T @ _vector(roll, pitch))
     raised = mount @ _vector(az, el + p['pvd'] * np.cos(el))
     a, b = _posture(raised, [np.broadcast_to(v, shape) for v in tel], sn, cn, side)
     sa, ca, sb, cb = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
-    # where the drooped direction is from that posture: turned back by roll, lean and pitch
+    # the drooped direction in the frame of the telescope: rotate back by roll, NP and pitch
     v = _vector(roll, pitch)
     x, y, z = ca * v[0] + sa * v[1], -sa * v[0] + ca * v[1], v[2]
     y, z = cn * y - sn * z, sn * y + cn * z
@@ -155,7 +155,7 @@ def _read(path, text):
 
 
 def _for_mount(mount):
-    """SPK of an equatorial mount, on both sides of the pier."""
+    """SPK for an equatorial mount, on both pier sides."""
     made = for_celestial(
         PROGRAM, mount, _EQUATORIAL,
         encoder=lambda values, az, el: _encoder(values, az, el, mount, made.own))

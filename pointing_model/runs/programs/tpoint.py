@@ -14,15 +14,16 @@
 
 """TPOINT's model files (OUTMOD) and plain lists of its terms.
 
-A file is a caption, a line ``T observations rms refraction refraction``, rows ``flags name value
-sigma`` in arcseconds and END; ``&`` chains a row to the one before, ``=`` holds it fixed. In public
-are telmod.dat of the ARC and SDSS telescopes, and a reader: RTS2's lib/rts2tel/tpointmodel.cpp.
+A file has a caption, a line ``T observations rms refraction refraction``, rows ``flags name value
+sigma`` in arcseconds, and END. ``&`` chains a row to the one before, ``=`` marks a fixed term.
+Public examples are telmod.dat of the ARC and SDSS telescopes, and a reader, RTS2's
+lib/rts2tel/tpointmodel.cpp.
 
-TPOINT's corrections take the encoder to the star; its azimuth A' is 180 deg - A, zero in the south
-and 90 degrees in the east. Its geometric terms are rotations (P. T. Wallace 2002, SPIE 4848, 125);
-generic names are made of what is corrected, then functions: HASA2 is sin 2A' on the azimuth,
-HSCACE4 cos A' cos 4E across, HVSA2 sin 2A' sin E across, PZZ1 the zenith distance in proportion to
-itself.
+TPOINT's corrections are from encoder to star. Its azimuth A' is 180 deg - A: zero in the south, 90
+degrees in the east. Its geometric terms are rotations (P. T. Wallace 2002, SPIE 4848, 125). Generic
+names give the corrected angle, then the functions: HASA2 is sin 2A' in azimuth, HSCACE4 is cos A'
+cos 4E left-right, HVSA2 is sin 2A' sin E left-right, PZZ1 is a correction of the zenith distance
+proportional to itself.
 """
 
 import re
@@ -46,7 +47,7 @@ from ..model_files.program import (
 from ..model_files.term_columns import TERM_KEYS, column, summed
 from . import spk
 
-#: our coefficient for a unit of TPOINT's, of the terms with their own name
+#: terms with a name of their own -> our coefficient for a unit of TPOINT's
 _NAMED = {'IA': 1, 'IE': -1, 'CA': 1, 'NPAE': 1, 'AN': 1, 'AW': 1, 'TF': 1, 'TX': 1, 'ECES': -1,
           'ACES': 1, 'ACEC': -1}
 _RESULT = {'A': ('az', 1), 'S': ('lr', 1), 'V': ('np', 1), 'E': ('el', -1), 'Z': ('el', 1)}
@@ -54,17 +55,17 @@ _LETTER = {'az': 'A', 'lr': 'S', 'np': 'V', 'el': 'E'}
 _HARMONIC = re.compile(r'H([AESVZ])([SC])([AEZ])(\d?)(?:([SC])([AEZ])(\d?))?', re.ASCII)
 _POLYNOMIAL = re.compile(r'P([AESZ])([AEZ])(\d)', re.ASCII)
 _HALF = 0.5 * np.pi
-_WIDTH = 10  # of a value, as readers with fixed columns take it
+_WIDTH = 10  # characters of a value, for readers with fixed columns
 
 
 def _wave(function, angle, k):
-    """(sign, factor) of sin or cos of k times A', E or Z = 90 deg - E."""
+    """(sign, factor) of sin or cos of k times A', E or Z = 90 deg - E, in terms of A and E."""
     if angle == 'E':
         return 1, (function, 'E', k)
     if angle == 'A':
         even = 1 if k % 2 == 0 else -1
         return (even if function == 'cos' else -even), (function, 'A', k)
-    # of k (90 deg - E) one of sine and cosine is left
+    # sin or cos of k (90 deg - E) is plus or minus the sine or the cosine of k E
     sin_k, cos_k = ((0, 1), (1, 0), (0, -1), (-1, 0))[k % 4]
     if function == 'sin':
         return (sin_k, ('cos', 'E', k)) if sin_k else (-cos_k, ('sin', 'E', k))
@@ -72,7 +73,7 @@ def _wave(function, angle, k):
 
 
 def columns_of(name):
-    """(column, our value for a unit of TPOINT's coefficient) of a term, or None.
+    """List of (column, our value for a unit of TPOINT's coefficient) of a term, or None.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ def _own(key):
 
 
 def _candidates():
-    """What a refit may take: harmonics of either angle, and products of the low ones."""
+    """Columns that a refit may add: harmonics of either angle, and products of low ones."""
     out = []
     for f in ('cos', 'sin'):
         out += [column(r, (f, 'E', k)) for r in ('el', 'np', 'az') for k in range(1, 6)]
@@ -225,7 +226,7 @@ def _signs(mount):
 
 
 def _for_mount(mount):
-    """TPOINT of an equatorial mount: its dictionary of terms, on either side of the pier."""
+    """TPOINT for an equatorial mount, on both pier sides."""
     signs = _signs(mount)
 
     def own(key):
@@ -244,7 +245,7 @@ def _for_mount(mount):
 
 
 def _kernel(values, az, el):
-    """The geometric terms by SPK's rotations, the others as columns at the target."""
+    """Encoder angles with the geometric terms as SPK's rotations, the others at the target."""
     turned = {key: value for key, value in values.items() if spk.PROGRAM.own(key)}
     a, e = spk.PROGRAM.encoder(turned, az, el)
     x, y = summed({key: value for key, value in values.items() if key not in turned}, az, el)
