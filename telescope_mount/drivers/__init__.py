@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Drivers of a real mount: listened to, and checked against the contract (docs/real_mount.md).
+"""Records the drivers of a real mount and checks them against the contract (docs/real_mount.md).
 
-`samples`, `contract` and `nudge` are numerics on what was recorded; `listener` records it.
+`samples`, `contract` and `nudge` are computations on recorded data; `listener` records them.
 """

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The contract of drivers of a real mount: what they keep of it, by what was recorded of them."""
+"""Checks recorded data of a real mount's drivers against their contract."""
 
 import numpy as np
 
@@ -24,32 +24,32 @@ from telescope_mount.observing.instruments import STILL
 
 from .samples import NOTE, OK, WRONG, Remark, Remarks, wrong_unit
 
-#: a stamp before that (2001) is none of now, s
+#: earlier stamps (before 2001) are not of the present, s
 EPOCH = 1e9
-#: a clock ahead by more is wrong by more than a sample's jitter, s
+#: least error of a clock ahead that is not a sample's jitter, s
 AHEAD = 0.02
-#: of simulated time, whose ticks come late: so many seconds of this machine, s
+#: the same for simulated time, whose ticks are delayed, in seconds of this machine
 AHEAD_CLOCK = 1.0
-#: an encoder's sample that comes so late is stamped wrongly or useless, an exposure's, s
+#: delay from which an encoder's sample, or an exposure, is stamped wrongly or useless, s
 LATE, LATE_FRAME = 0.5, 30.0
-#: readings a second below which an encoder is slow, and useless
+#: rates in readings per second below which an encoder is slow, and useless
 SLOW, USELESS = 5.0, 1.0
-#: silence that is a gap: so long, and so many of its own periods, s
+#: least silence that is a gap, s, and in units of the usual period
 GAP, PERIODS = 0.5, 5.0
-#: faster than that no telescope turns, rad/s
+#: rate that no telescope exceeds, rad/s
 FASTEST = 60.0 * DEG
-#: a miss distance that no camera measures, and one that few do, rad
+#: miss distances that no camera measures, and that few do, rad
 BEYOND_FIELD, WIDE_FIELD = 0.1, 0.02
-#: a way by which velocities are judged, and a step of an encoder that is told, rad
+#: distance needed to judge velocities, and encoder step that is reported, rad
 SOME_WAY, COARSE = 60.0 * ARCSEC, 5.0 * ARCSEC
-#: intervals of exposures after which one that arrives is late, and s before which none can be there
+#: delay of exposures in units of their interval that is reported, and shortest possible delay, s
 PIPELINE, FASTEST_IMAGE = 1.5, 0.005
-#: a move that shows how two encoders go together, rad
+#: motion needed to compare two encoders, rad
 MOVED = 0.2 * DEG
 
 
 def check_contract(samples):
-    """What is right and what is wrong.
+    """Remarks on what is right and what is wrong.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def check_contract(samples):
 
 
 def _stream(out, samples, stream, slow, late):
-    """Publishers, rate, gaps, stamps; whether there are messages to look at further."""
+    """Check publishers, rate, gaps and stamps; return whether there are messages to check."""
     ends = stream.endpoints
     if not ends:
         tail = '/' + stream.topic.rsplit('/', 1)[-1]
@@ -203,7 +203,7 @@ def _encoder(out, samples, stream):
 
 def _units(out, samples, values):
     first, second = np.abs(values).max(axis=0)
-    # a German mount looks through the pole; any may count on over turns, but not over many
+    # a German mount points through the pole; any mount may count several turns, but not many
     highest = (np.pi / 2 if samples.mount.vertical else 1.5 * np.pi) + 5.0 * DEG
     if second <= highest and first <= 6.0 * np.pi:
         middle = np.degrees(values[-1])
@@ -225,7 +225,7 @@ def _units(out, samples, values):
 
 
 def _motion(out, stamps, values, rates, pointed):
-    """Jumps, wrapping, velocities, rest of the encoder that is `pointed`, frozen readings."""
+    """Check jumps, wrapping, velocities, rest (of the `pointed` encoder), and frozen readings."""
     if len(stamps) < 3:
         return
     step, passed = np.diff(values, axis=0), np.diff(stamps)[:, None]
@@ -253,7 +253,7 @@ def _motion(out, stamps, values, rates, pointed):
 
 
 def _velocity(out, way, passed, rates):
-    """What the velocities add up to, against what the angle does over all readings."""
+    """Compare the integral of the velocities with the angle over all readings."""
     between = 0.5 * (rates[1:] + rates[:-1])
     known = np.isfinite(between)
     angle, added = (np.cumsum(np.where(known, of, 0.0), axis=0) for of in (way, between * passed))
@@ -273,7 +273,7 @@ def _velocity(out, way, passed, rates):
 
 
 def _together(out, samples):
-    """The absolute encoder against the other one."""
+    """Compare the absolute encoder with the incremental one."""
     stamps, values, _ = samples.absolute.arrays()
     at, first, _ = samples.incremental.arrays()
     good = np.isfinite(first).all(axis=1)
@@ -292,7 +292,7 @@ def _together(out, samples):
     for axis in (0, 1):
         if moved[axis] < MOVED:
             continue
-        # by the changes of that axis alone, where the other one moves less
+        # use only changes of that axis, while the other moves less
         x = a[:, axis] - a[:, axis].mean()
         slope = [float(x @ (b[:, k] - b[:, k].mean()) / (x @ x)) for k in (0, 1)]
         own, other = slope[axis], slope[1 - axis]

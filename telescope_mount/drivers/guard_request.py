@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Asks the guard of a graph to move the mount; where none runs, one of its own."""
+"""Requests motions from the guard of a graph; starts a guard if there is none."""
 
 from msg_tools import convert, topics
 from pointing_model.mounts import mount_text
 
-#: how often a request is said to hold, s
+#: interval at which a request is renewed, s
 RENEW = 0.2
 
 
@@ -28,7 +28,7 @@ class GuardClient:
     ----------
     node : rclpy.node.Node
     executor : rclpy.executors.Executor
-        In which a guard is run where the graph has none.
+        Executor for the guard, if the graph has none.
     mount : Mount
     spin : callable
         ``spin(seconds, until)`` of `Listener`.
@@ -43,7 +43,7 @@ class GuardClient:
     Raises
     ------
     ValueError
-        Somebody else may command the mount: one line.
+        Another node may command the mount: one line.
     """
 
     def __init__(self, node, executor, mount, spin, guard):
@@ -79,13 +79,13 @@ class GuardClient:
             self._pub.publish(self._request)
 
     def ask(self, stamp, times, angles, rates):
-        """Ask for a track, again and again: ns, s, rad, rad/s."""
+        """Request a track, and keep renewing it: ns, s, rad, rad/s."""
         self._request = convert.trajectory(stamp, times, angles, rates, self._mount.names.keys)
         self._owner_pub.publish(convert.owner(self._request, self._node))
         self._renew()
 
     def obeyed(self, seconds, until=lambda: False):
-        """Spin so long, or until something holds; ValueError where the guard does not go on."""
+        """Spin so long, or until a condition holds; ValueError if the guard has stopped."""
         stamp = str(convert.from_stamp(self._request.header.stamp))
 
         def stopped():
@@ -97,7 +97,7 @@ class GuardClient:
                 self.status['reason'] if self.status.get('refused') == stamp else self._message))
 
     def close(self):
-        """Nothing is wanted any more: the mount stops."""
+        """Withdraw the request, so that the mount stops."""
         if self._request is not None:
             self._request.points = []
             self._renew()

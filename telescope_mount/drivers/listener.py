@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Listens to the drivers of a running graph, and nudges the mount if it may."""
+"""Records the drivers of a running graph, and nudges the mount if allowed."""
 
 import time
 
@@ -35,18 +35,18 @@ from .nudge import bright_star, check_nudge, fixed_place, place_of, went_elsewhe
 from .samples import OK, WRONG, DriverSamples, Endpoint, Remark, Rest, Stream
 
 HEARD = topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE
-#: nudge: seconds of the move, to come to rest at most, and of the exposures then
+#: nudge: seconds of a move, most seconds to come to rest, and seconds of the exposures at rest
 RAMP, SETTLE, LOOK = 3.0, 20.0, 6.0
-#: how long a slew to a star may take, s
+#: most s of a slew to a star
 SLEW = 240.0
-#: how long `home` may take, s
+#: most s of `home`
 HOMING = 300.0
-#: largest rest of a nudge's way that is waited for, rad
+#: distance from the demand at which a nudge counts as finished, rad
 NEAR = 10.0 / 3600.0 * DEG
 
 
 class Listener:
-    """A node that hears the instruments.
+    """A node that records the instruments.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ class Listener:
     domain : int
     namespace : str
     guard : dict, optional
-        Parameters of the guard that is started for nudging where none runs.
+        Parameters of the guard that is started for nudging if none runs.
     params : Path, optional
-        ROS parameter file of that.
+        ROS parameter file of that guard.
     """
 
     def __init__(self, mount, domain, namespace, guard=None, params=None):
@@ -83,7 +83,7 @@ class Listener:
         self._streams = {topic.name: Stream(topic.name, topic.type) for topic in HEARD}
 
     def spin(self, seconds, until=lambda: False):
-        """Take what comes for so long, or until something holds; whether it does."""
+        """Process messages so long, or until a condition holds; return whether it does."""
         return self._graph.spin_until(until, seconds)
 
     # --- messages -----------------------------------------------------------------------------
@@ -121,7 +121,7 @@ class Listener:
     # --- the graph ----------------------------------------------------------------------------
 
     def samples(self, seconds):
-        """A `DriverSamples` of what has come so far."""
+        """A `DriverSamples` of what has been received so far."""
         node = self._node
         for topic in HEARD:
             self._streams[topic.name].endpoints = [_endpoint(info) for info in
@@ -143,7 +143,7 @@ class Listener:
                        if name.endswith(tails) and name not in ours])
 
     def listen(self, seconds):
-        """A `DriverSamples` of so many seconds."""
+        """A `DriverSamples` of the given time."""
         self.spin(seconds)
         return self.samples(seconds)
 
@@ -166,26 +166,26 @@ class Listener:
     # --- nudging ------------------------------------------------------------------------------
 
     def nudge(self, step, star=False):
-        """Move each axis by `step` (rad) and back, and look.
+        """Move each axis by `step` (rad) and back, and record.
 
         Parameters
         ----------
         step : float
         star : bool
-            Go to a bright star first, and follow it all the time.
+            Go to a bright star first, and follow it throughout.
 
         Returns
         -------
         samples : DriverSamples
-            Readings less the motion of the star.
+            Readings minus the motion of the star.
         rests : list of Rest
         remarks : list of Remark
-            Which star it is.
+            Identifies the star.
 
         Raises
         ------
         ValueError
-            Somebody else commands the mount, or nobody tells where it is.
+            Another node commands the mount, or its position is unknown.
         """
         self._asking = asking = GuardClient(self._node, self._graph.executor, self._mount,
                                             self.spin, self._guard)
@@ -203,7 +203,7 @@ class Listener:
                 f'{site.latitude / DEG:.4f}, {site.longitude / DEG:.4f} deg')]
             self._lead(place, np.zeros(2), 0.0, SLEW)
             home = self._here()
-        # away from horizon and zenith, or from either pole
+        # move away from horizon and zenith, or from either pole
         upward = 1.0 if np.sin(home[1]) < np.sin(0.25 * np.pi) else -1.0
         rests, begin = [], self._now()
         for offset in ((0.0, 0.0), (step, 0.0), (0.0, 0.0), (0.0, upward * step), (0.0, 0.0)):
@@ -218,12 +218,12 @@ class Listener:
         return samples, rests, remarks
 
     def _lead(self, place, offset, ramp, patience):
-        """Have the mount go beside a place and follow it, and wait until it does."""
+        """Move the mount to an offset from a place and follow it, and wait until it does."""
         begin = self._now()
         times = ramp + np.arange(0.0, patience + LOOK + 15.0, 10.0)
         angles = place(begin + times) + offset
         rates = place(begin + times + 0.5) - place(begin + times - 0.5)
-        if ramp:  # from here, and not on a way of the guard's
+        if ramp:  # start from here, not by a path of the guard
             times, rates = np.append(0.0, times), np.vstack([rates[:1], rates])
             angles = np.vstack([self._here(), angles])
         asking, stamps = self._asking, self._streams[topics.INCREMENTAL.name].stamps
@@ -248,7 +248,7 @@ class Listener:
 
 
 def _site(rows):
-    """Of a guard's status."""
+    """The site in a guard's status."""
     missing = [param.name for param in SKY_PARAMS[:3] if param.name not in rows]
     if missing:
         raise ValueError(f'not nudged: the guard has no {missing[0]}: start it anew')
@@ -264,9 +264,9 @@ def _endpoint(info):
 
 def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard=None,
                   params=None, star=False):
-    """Call `home` if it may, listen, nudge if `step` (rad) is not 0, beside a `star`, and judge.
+    """Call `home` if allowed, record, nudge if `step` (rad) is not 0, beside a `star`, and judge.
 
-    `mount`, `domain`, `namespace`, `guard` and `params` as of `Listener`.
+    For `mount`, `domain`, `namespace`, `guard` and `params` see `Listener`.
 
     Returns
     -------
@@ -278,7 +278,7 @@ def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard
         findings += check_contract(listener.listen(seconds))
         if not step:
             return findings
-        # who reads degrees is commanded in degrees: no move before the contract is kept
+        # a driver in degrees would also take commands in degrees: fulfil the contract before moving
         if any(finding.level == WRONG for finding in findings):
             return [*findings, Remark(WRONG, 'nudge', 'not nudged: mend what is wrong first')]
         try:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What small moves of each axis show: the mount that follows, the camera that sees it."""
+"""Checks small moves of each axis: does the mount follow, and does the camera see them?"""
 
 import numpy as np
 
@@ -27,27 +27,27 @@ from ..observing.axis_demand import Pointing
 from ..observing.star_choice import AxisLimits, axes_at
 from .samples import OK, WRONG, Remark, Remarks, wrong_unit
 
-#: by how much a camera may be turned and its scale be wrong, rad and 1
+#: largest rotation (rad) and relative scale error of a camera
 TURNED, SCALED = 2.0 * DEG, 0.05
-#: of a nudge, where nothing else is asked for
+#: default size of a nudge
 STEP_DEG = 0.05
-#: how far a nudge may end from its demand, rad
+#: largest final error of a nudge, rad
 FOLLOWED = 30.0 * ARCSEC
-#: a mount that was stopped farther from its begin went somewhere, rad
+#: a stopped mount farther than this from its start has gone astray, rad
 FAR = 0.2 * DEG
 
 
 def check_nudge(samples, rests, star=False):
-    """What small moves of each axis show.
+    """Remarks on small moves of each axis.
 
     Parameters
     ----------
     samples : DriverSamples
-        Of the time of the moves.
+        Recorded during the moves.
     rests : list of Rest
-        Five: at the begin, with the first axis moved, back, with the second one moved, back.
+        Five: at the start, with the first axis moved, back, with the second one moved, back.
     star : bool
-        A bright star must be in the field.
+        Whether a bright star must be in the field.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def check_nudge(samples, rests, star=False):
 
 
 def _nudged_camera(samples, rests, star):
-    """Sign, rotation and scale from how the star moved, beside its own drift."""
+    """Check sign, rotation and scale by the star's motion, with a linear drift fitted."""
     out = Remarks(samples.camera.topic)
     stamps, values, _ = samples.camera.arrays()
     rows, misses = [], []
@@ -126,7 +126,7 @@ def _nudged_camera(samples, rests, star):
 
 
 def _check_turn(out, unit):
-    """Whether the axes of a camera are those of the mount, by the star's moves of unit length."""
+    """Check whether a camera's axes are those of the mount, by the star's moves of unit length."""
     if np.linalg.det(unit) < 0.0:
         flips = ((np.diag([-1.0, 1.0]), 'x has the other sign'),
                  (np.diag([1.0, -1.0]), 'y has the other sign'),
@@ -150,12 +150,12 @@ def _check_scale(out, scale):
 
 
 def went_elsewhere(before, after, mount):
-    """Where axes went that were stopped while they were nudged, '' where they hardly moved.
+    """Where the axes went before they were stopped in a nudge, '' if they hardly moved.
 
     Parameters
     ----------
     before, after : ndarray, shape (2,)
-        rad; `after` None where it is not known.
+        rad; `after` is None if unknown.
     mount : Mount
 
     Returns
@@ -173,17 +173,17 @@ def went_elsewhere(before, after, mount):
     return text + ')'
 
 
-#: faintest of them, Hipparcos magnitude, and how high they stand, rad
+#: limits for a bright star: Hipparcos magnitude, and elevation, rad
 BRIGHT, LOW, HIGH = 3.0, 30.0 * DEG, 75.0 * DEG
 
 
 def fixed_place(here):
-    """The place of a mount that stays, as `place_of` a star: ``place(times)``, rad, (n, 2)."""
+    """Place of a mount at rest, in the form of `place_of`: ``place(times)``, rad, (n, 2)."""
     return lambda times: np.tile(here, (len(times), 1))
 
 
 def place_of(target, mount, site, here):
-    """Where a perfect mount reads while it follows a star, on the turn nearest to `here`.
+    """Readings of a perfect mount that follows a star, on the turn nearest to `here`.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def place_of(target, mount, site, here):
 
 
 def bright_star(mount, site, time, here, allowed=None):
-    """The bright star without a neighbour that the axes reach soonest.
+    """The bright star without neighbours that the axes reach soonest.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def bright_star(mount, site, time, here, allowed=None):
     here : ndarray, shape (2,)
         Readings, rad.
     allowed : AllowedSky, optional
-        Where the guard lets the tube look.
+        Region in which the guard allows the tube to point.
 
     Returns
     -------

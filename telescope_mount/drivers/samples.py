@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What was recorded of drivers, and remarks on it."""
+"""Recorded data of drivers, and remarks on them."""
 
 from dataclasses import dataclass, field
 from functools import partialmethod
@@ -26,7 +26,7 @@ OK, NOTE, WRONG = 'ok', 'note', 'wrong'
 
 
 class Remark(NamedTuple):
-    """A line: how grave (`OK`, `NOTE`, `WRONG`), of what, and the sentence."""
+    """A remark: severity (`OK`, `NOTE`, `WRONG`), topic or service, and sentence."""
 
     level: str
     of: str
@@ -34,7 +34,7 @@ class Remark(NamedTuple):
 
 
 class Remarks(list):
-    """Those on one thing, each a `Remark`; ``ok(text)``, ``note(text)``, ``wrong(text)`` add one.
+    """List of `Remark` on one topic; ``ok(text)``, ``note(text)``, ``wrong(text)`` add one.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Remarks(list):
         self.of = of
 
     def add(self, level, text):
-        """One more."""
+        """Add a remark."""
         self.append(Remark(level, self.of, text))
 
     ok = partialmethod(add, OK)
@@ -56,7 +56,7 @@ class Remarks(list):
 
 
 class Endpoint(NamedTuple):
-    """A publisher or subscriber, as the graph knows it."""
+    """A publisher or subscriber in the graph."""
 
     node: str
     type: str
@@ -65,35 +65,35 @@ class Endpoint(NamedTuple):
 
 
 def wrong_unit(ratio, words):
-    """`words` with the unit that is `ratio` times too large for radians, '' for none."""
+    """`words` with the unit that explains a factor `ratio` to radians, '' if there is none."""
     return next((words.format(unit) for unit, size in (('arcsec', ARCSEC), ('deg', DEG))
                  if 0.5 < ratio * size < 2.0), '')
 
 
 @dataclass
 class Stream:
-    """A topic and what came on it.
+    """A topic and the messages received on it.
 
     Parameters
     ----------
     topic, type : str
-        Name, and the type that it must have.
+        Name, and the required type.
     endpoints : list of Endpoint
         Its publishers.
     arrived, stamps : list of float
-        Of each message, s: by this machine's clock, and as it says.
+        Times of each message, s: of reception by this machine's clock, and its stamp.
     ages : list of float
-        Time of the graph at its arrival less its stamp, s.
+        Time of the graph at reception minus stamp, s.
     names : list of sequence of str
-        Joints of each message; empty where it has none.
+        Joint names of each message; empty if it has none.
     values, rates : list of (float, float)
-        First and second axis, or x and y, as they were sent.
+        First and second axis, or x and y, as received.
     power_ons : list of PowerOn or None
-        Of each.
+        Power-on of each message.
     refused : list of str
         Why messages could not be read at all.
     frames : set of str
-        Their ``frame_id``.
+        ``frame_id`` of the messages.
     """
 
     topic: str
@@ -111,7 +111,7 @@ class Stream:
 
     def take(self, arrived, stamp, values, rates=(np.nan, np.nan), names=(), power_on=None,
              now=None):
-        """Keep a message; `now` is the time of the graph, that of this machine if left out."""
+        """Add a message; `now` is the time of the graph, by default that of this machine."""
         self.arrived.append(arrived)
         self.ages.append((arrived if now is None else now) - stamp)
         self.stamps.append(stamp)
@@ -121,7 +121,7 @@ class Stream:
         self.power_ons.append(power_on)
 
     def arrays(self):
-        """Stamps (n,), values (n, 2), rates (n, 2); those with increasing stamps."""
+        """Stamps (n,), values (n, 2), rates (n, 2); only messages with increasing stamps."""
         stamps = np.array(self.stamps, float)
         keep = np.ones(len(stamps), bool)
         if len(stamps):
@@ -132,13 +132,13 @@ class Stream:
 
 @dataclass
 class DriverSamples:
-    """All that was recorded of a graph.
+    """Everything recorded from a graph.
 
     Parameters
     ----------
     mount : Mount
     seconds : float
-        How long was listened.
+        Duration of the recording.
     incremental, absolute, camera : Stream
     services : set of str
         Relative names.
@@ -149,11 +149,11 @@ class DriverSamples:
     clock : bool
         Whether somebody publishes `/clock`.
     clock_speed : float
-        Seconds of `/clock` in a second of this machine: a tick that comes late lags by so much.
+        Seconds of `/clock` per second of this machine: a delayed tick lags by so much more.
     elsewhere : list of str
         Topics of instruments in other namespaces.
     nowhere : str
-        What to do where there is no node at all, '; ...'; '' where there is one.
+        What to do if there are no nodes at all, '; ...'; '' if there are some.
     """
 
     mount: object
@@ -171,7 +171,7 @@ class DriverSamples:
 
 
 class Rest(NamedTuple):
-    """A time of a nudge in which the axes were to rest: from, to (UTC s), demand (2,), rad."""
+    """An interval of a nudge with the axes at rest: from, to (UTC s), demand (2,), rad."""
 
     begin: float
     end: float
