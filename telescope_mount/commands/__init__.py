@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The commands of `telescope-mount`, a file each: its options, what it does, what it prints.
+"""The commands of `telescope-mount`, one file each: options, work, output.
 
-Each has ``add(commands)``, which adds its parser, and ``run(args)``, which gives the exit code or
-None. What costs time to import is imported in ``run``.
+Each has ``add(commands)``, which adds its parser, and ``run(args)``, which returns the exit code or
+None. Modules that are slow to import are imported in ``run``.
 """
 
-#: modules in the order of the help
+#: modules in the order of the help text
 COMMANDS = ('night', 'observe', 'watch', 'check_drivers', 'guard', 'lifecycle', 'experiment',
             'close_the_loop', 'solve', 'fit', 'diagnose', 'bolts', 'track', 'passes', 'satellite',
             'season', 'zeros', 'apply', 'export', 'info', 'recover', 'verify', 'replay',
             'encoder_test', 'completion')
-#: where those are that show what the papers did
+#: modules of the commands that reproduce the papers
 PAPERS = {name: f'papers.{name}_command' for name in ('experiment', 'encoder_test')}

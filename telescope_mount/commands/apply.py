@@ -57,7 +57,7 @@ def add(commands):
 
 
 def run(args):
-    """Read, turn, write, say what was not known."""
+    """Read, convert, write, report what was unknown."""
     from pointing_model.model_application import NEWEST, NO_ZEROS
     from pointing_model.mounts import ALTAZ
     from pointing_model.runs.columns.cells import write_rows
@@ -80,5 +80,5 @@ def run(args):
     else:
         step_aside(for_good=True)
         write_rows(sys.stdout, rows, delimiter=delimiter)
-    # the table may be on the standard output
+    # on standard error, since the table may be on the standard output
     print_lines(new_console(stderr=True), 'note', [*loaded.notes, *notes])

@@ -97,7 +97,7 @@ def _feet(text):
 
 
 def run(args):
-    """Read or fit, say what to turn."""
+    """Read or fit, print what to turn."""
     if args.live is not None:
         from ..live_bolts import live
         return live(args)
@@ -119,7 +119,7 @@ def run(args):
 
 
 def model_of(args):
-    """The model of the file, or of a fit to the run in it; remarks; of a run its equinox."""
+    """Model of the file, or fitted to the run in it; notes; equinox of a run."""
     from pointing_model.runs.model_reader import is_ours, read_model
     if is_ours(args.file):
         model = read_model(args.file).model
@@ -136,7 +136,7 @@ def model_of(args):
 
 
 def refraction_of(args, latitude):
-    """By how much the pole that is meant is above the true one, rad."""
+    """Height of the chosen pole above the true one, rad."""
     if args.pole == 'true':
         return 0.0
     from pointing_model.sky.refraction import air_at, refracted_elevation
@@ -146,7 +146,7 @@ def refraction_of(args, latitude):
 
 
 def alignment_of(model, args, equinox=None):
-    """What to move, as a document and in lines."""
+    """What to move, as a document and as lines."""
     import numpy as np
 
     from calibration.report.bolt_wording import (

@@ -59,7 +59,7 @@ def add(commands):
 
 
 def run(args):
-    """Observe or take, diagnose, observe again, print, write."""
+    """Observe or read, diagnose, observe again, print, write."""
     from calibration.report.row_wording import expected_sentence, outlier_sentence, used_sentence
     from calibration.report.terminal_layout import layered
 

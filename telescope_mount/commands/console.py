@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the commands print with: a console, a line of progress, tables and files."""
+"""Output of the commands: a console, a progress line, tables and files."""
 
 import math
 import os
@@ -29,20 +29,20 @@ from .. import interrupt
 
 #: s of work after which progress is shown
 PATIENCE = 1.0
-#: the same where no terminal is: until the first line, and from one to the next
+#: the same if there is no terminal: s until the first line, and between lines
 FIRST_LINE, NEXT_LINE = 2.0, 10.0
-#: of a step since its first, from where it is reported how long the others will take
+#: number of counted parts of a step from which the remaining time is estimated
 FEWEST_COUNTED = 2
 
 
 def step_aside(for_good=False):
-    """Have the line of progress step aside for what is written otherwise than by `new_console`."""
+    """Remove the progress line for output that does not use `new_console`."""
     for shown in reversed(_SHOWN):
         shown.aside(for_good)
 
 
 def new_console(stderr=False):
-    """A rich console on one of the standard outputs, for which the line of progress steps aside."""
+    """A rich console on a standard output, which removes the progress line for its output."""
     from rich.console import Console
 
     class StandardOutput(Console):
@@ -53,38 +53,38 @@ def new_console(stderr=False):
 
         def on_broken_pipe(self):
             from ..cli import silence_output
-            silence_output()  # nobody reads on: what is found still decides the exit code
-    # a pipe has no width of its own
+            silence_output()  # nobody reads on: the result still determines the exit code
+    # a pipe has no width
     terminal = (sys.stderr if stderr else sys.stdout).isatty()
     wide = None if terminal or os.environ.get('COLUMNS', '').isdigit() else 120
     return StandardOutput(width=wide, stderr=stderr, highlight=False, markup=False, emoji=False)
 
 
-#: lines of progress that are on, the last one shown
+#: active progress lines, the visible one last
 _SHOWN = []
 
 
 class ProgressLine:
-    """A line on the standard error: how far the work is, the time left.
+    """A progress line on standard error: amount done, time left.
 
-    It comes when the work has taken `PATIENCE` seconds, steps aside for what is printed, and
-    leaves nothing behind. Where that is no terminal lines are left there now and then (`lines`);
-    where neither output is one a night leaves a line a step.
+    It appears after `PATIENCE` seconds of work, is removed for other output, and leaves nothing
+    behind. If standard error is no terminal, lines are printed there from time to time (`lines`);
+    if neither output is one, a night prints one line per step.
 
     Parameters
     ----------
     console : rich.console.Console, optional
-        That of the results, for a line a step where no terminal is; without it nothing is reported
-        there.
+        Console of the results, for one line per step if there is no terminal; without it nothing
+        is printed then.
     unit : str
-        What is counted.
+        Name of what is counted.
     first : str
-        What comes before the first count.
+        Text before the first count.
     every : float
-        Seconds after which a step has another such line.
+        Seconds after which a step prints another such line.
     lines : bool
-        Of work that a signal may end anywhere: the standard error, where it is no terminal, has a
-        line after `FIRST_LINE` seconds of work and then one each `NEXT_LINE`.
+        For work that a signal may interrupt anywhere: if standard error is no terminal, print a
+        line after `FIRST_LINE` seconds of work and then every `NEXT_LINE`.
     """
 
     def __init__(self, console=None, unit='exposures', first='starting the nodes',
@@ -111,8 +111,8 @@ class ProgressLine:
             outer._wait()
 
     def __call__(self, text, done=0, total=None):
-        """What is done now, and how much of it; `total` None: not known."""
-        if self._lines:  # nothing of this work has to end in order
+        """Set the current step, and how much of it is done; `total` None: unknown."""
+        if self._lines:  # this work may be interrupted here
             interrupt.check()
         with self._lock:
             self._at = text, done, total
@@ -124,7 +124,7 @@ class ProgressLine:
             self._print_progress(text, done, total)
 
     def aside(self, for_good=False):
-        """Take the line away; it comes again after a while, unless `for_good`."""
+        """Remove the line; it returns after a while, unless `for_good`."""
         with self._lock:
             if self._timer is not None:
                 self._timer.cancel()
@@ -149,7 +149,7 @@ class ProgressLine:
 
     def _leave_line(self):
         with self._lock:
-            if self._timer is None:  # it has ended meanwhile
+            if self._timer is None:  # ended meanwhile
                 return
             text, done, total = self._at
             count = f': {done} of {total} {self._unit}' if total is not None and done < total \
@@ -159,7 +159,7 @@ class ProgressLine:
             self._wait()
 
     def _left(self):
-        """The time left of this step by what was counted of it, in words; '' before that."""
+        """Estimated time left of this step, in words; '' while too little is done."""
         (_, since, before), (_, done, total) = self._began, self._at
         if done - before < FEWEST_COUNTED:
             return ''
@@ -172,7 +172,7 @@ class ProgressLine:
         from rich.text import Text
 
         class Left(ProgressColumn):
-            """Time left where it is known, else time passed."""
+            """Time left if known, else time passed."""
 
             def render(self, task):
                 left = None if task.total is None else task.time_remaining
@@ -181,14 +181,14 @@ class ProgressLine:
         Left.since = self._since
         plain = not (sys.stderr.encoding or '').lower().startswith('utf')
         with self._lock:
-            if self._timer is None:  # it has ended meanwhile
+            if self._timer is None:  # ended meanwhile
                 return
             console = Console(stderr=True, highlight=False, markup=False, emoji=False)
             turning = SpinnerColumn('line' if plain else 'dots')
-            # a name of a file may hold what looks like markup
+            # file names may contain something that looks like markup
             words, count = (TextColumn(field, markup=False) for field in (
                 '{task.description}', '{task.fields[count]}'))
-            # what has no room in a narrow terminal is cut at the end, and no number shall be
+            # narrow terminals cut the end of the line, which should not be a number
             columns = ((turning, words, BarColumn(16), count, Left()) if console.width >= 75
                        else (turning, Left(), count, words))
             self._bar = Progress(
@@ -202,15 +202,15 @@ class ProgressLine:
         if self._bar is None:
             return
         text, done, total = self._at
-        # what follows the last count takes its time, too
+        # show no count after the last one, since work may still follow
         known = total is not None and done < total
-        self._bar.tasks[0].total = total if known else None  # `update` takes no None
+        self._bar.tasks[0].total = total if known else None  # `update` does not accept None
         self._bar.update(self._bar.task_ids[0], description=text, completed=done if known else 0,
                          count=f'{done} of {total} {self._unit}' if known else '')
 
     def _print_progress(self, text, done, total):
         now = time.monotonic()
-        # before the first line of a step nothing is counted: that says nothing
+        # a step without a count prints nothing
         if total is not None and (text != self._last_text or now >= self._next):
             self._console.print(f'{text}: {done} of {total} {self._unit} done')
             self._last_text, self._next = text, now + self._every
@@ -224,7 +224,7 @@ def _clock(seconds):
 
 
 def check_reader():
-    """End a command whose output nobody reads any more (``| head -1``), and which has no other.
+    """End a command whose only output is a closed pipe (``| head -1``).
 
     Raises
     ------
@@ -232,41 +232,41 @@ def check_reader():
     """
     if hasattr(select, 'poll'):
         poll = select.poll()
-        poll.register(1, 0)  # errors are told all the same
+        poll.register(1, 0)  # errors are reported without being requested
         if any(event & select.POLLERR for _, event in poll.poll(0)):
             raise BrokenPipeError
 
 
 def print_all(console, parts):
-    """Tables and lines."""
+    """Print tables and lines."""
     for part in parts:
         console.print(part)
 
 
 def print_finding(console, found):
-    """The sentence of a Finding."""
+    """Print the sentence of a Finding."""
     from calibration.report.wording import wording
     console.print(wording(found))
 
 
 def print_lines(console, kind, lines):
-    """Lines that begin with what they are: a note, an alarm, a loss."""
+    """Print lines with a prefix: a note, an alarm, a loss."""
     print_all(console, (f'{kind}: {line}' for line in lines))
 
 
 def print_files(console, files, width=13):
-    """Name and path of what was written."""
+    """Print names and paths of written files."""
     for name, path in files.items():
         console.print(f'{name:<{width}} {path}', soft_wrap=True)  # a path is for copying
 
 
 def files_of(args):
-    """How many of --json, --save and --report name a file: lines of `write_outputs`."""
+    """Number of --json, --save and --report that name a file: lines of `write_outputs`."""
     return sum(isinstance(getattr(args, name, None), Path) for name in ('json', 'save', 'report'))
 
 
 def print_calibration(console, report, verbose=False, files=0):
-    """A calibration report: what it found; all tables and notes with `verbose`.
+    """Print a calibration report: its results; with `verbose` all tables and notes.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def print_calibration(console, report, verbose=False, files=0):
     report : dict
     verbose : bool
     files : int
-        Lines that are printed after it.
+        Number of lines printed after it.
     """
     from calibration.report.night_tables import night_parts
     from calibration.report.terminal_layout import layered
@@ -290,12 +290,12 @@ def print_calibration(console, report, verbose=False, files=0):
 
 
 def write_json(path, document):
-    """Write a result, as --json of all commands does; what is no number is null.
+    """Write a result as --json of all commands does; non-finite numbers become null.
 
     Parameters
     ----------
     path : Path
-        As the parser gave it.
+        As parsed.
     document : dict or list
     """
     import json
@@ -307,7 +307,7 @@ def write_json(path, document):
 
 
 def _plain(value):
-    """What JSON can hold of it."""
+    """Convert a value to what JSON can hold."""
     if isinstance(value, dict):
         return {str(key): _plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -322,18 +322,18 @@ def _plain(value):
 
 
 def end_of_night(console, json, report, width=13):
-    """Write --json, name the files that are there, and say which outputs are incomplete.
+    """Write --json, list the existing files, and report incomplete outputs.
 
     Parameters
     ----------
     console : rich.console.Console
     json : Path or None
-        As the parser gave it.
+        As parsed.
     report : dict
-        With ``files``, names and paths, and ``incomplete``, a line for each output that is not
-        whole.
+        With ``files``, names and paths, and ``incomplete``, a line for each incomplete
+        output.
     width : int
-        Of the names.
+        Width of the names.
 
     Returns
     -------
@@ -354,7 +354,7 @@ def end_of_night(console, json, report, width=13):
 
 
 def write_outputs(console, args, document, what='result', model=None, page=None):
-    """Write what was requested with --json, --save and --report, and say where.
+    """Write the files of --json, --save and --report, and print their paths.
 
     Parameters
     ----------
@@ -362,9 +362,9 @@ def write_outputs(console, args, document, what='result', model=None, page=None)
     args : argparse.Namespace
     document : dict or list
     what : str
-        What `document` is called.
+        Name of `document`.
     model : callable, optional
-        Writes it to a path.
+        Writes the model to a path.
     page : str, optional
         HTML.
     """

@@ -26,11 +26,11 @@ from msg_tools.whole_files import beside
 
 from . import options
 
-#: names that ``--to`` takes: programs by their files, as they are slow to import, a table, our own
-#: document
+#: choices of ``--to``: programs by their file names, as they are slow to import, a table, and our
+#: own document
 PROGRAMS = (*sorted(module.name for module in iter_modules([str(
     resources.files('pointing_model.runs') / 'programs')])), 'table', 'model')
-#: an array with more elements than this is no table column each: its length is written
+#: largest array whose elements become columns; for larger ones only the length is written
 MAX_COLUMNS = 64
 _BATCH = 5000
 _CLOUD = 'sensor_msgs/msg/PointCloud2'
@@ -75,7 +75,7 @@ def add(commands):
 
 
 def run(args):
-    """Read, write, say what was left out."""
+    """Read, write, report what was left out."""
     from .console import new_console, print_all, print_lines, write_outputs
     console = new_console()
     if args.to:
@@ -105,7 +105,7 @@ def run(args):
 
 
 def _run_model(args, console):
-    """Write a model for another program, say what it holds."""
+    """Write a model for another program, and report what it contains."""
     from .. import model_export
     from .console import write_json
     _refuse(args, ('topics', 'start', 'end'), 'is of runs, and --to of models')
@@ -127,7 +127,7 @@ def _run_model(args, console):
 
 
 def _whole_site(site, args):
-    """The site of a model, which no file gives: whole, or the latitude of an equatorial mount."""
+    """Site for a model, as files have none: complete, or the latitude of an equatorial mount."""
     if site is None:
         return None
     if {'latitude', 'longitude'} <= set(site):
@@ -155,27 +155,27 @@ def export_run(source, path, *, start=None, end=None, **options):
     Parameters
     ----------
     source : str or Path
-        What `telescope_mount.run_loader.load_run` takes.
+        See `telescope_mount.run_loader.load_run`.
     path : str or Path
-        To write, ``.parquet`` or CSV; of CSV `load_run` gives the same run back, and a fit the
-        same terms to 1e-9 arcsec.
+        Output file, ``.parquet`` or CSV; from CSV `load_run` reads the same run, and a fit gives
+        the same terms to 1e-9 arcsec.
     start, end : str, optional
-        Only rows in [start, end): see `time_of`.
+        Only rows in [start, end), see `time_of`.
     **options
-        As for `load_run`.
+        See `load_run`.
 
     Returns
     -------
     PointingRun
-        What was written; its ``meta`` says what was left out.
+        The written run; its ``meta`` lists what was left out.
 
     Raises
     ------
     ValueError
-        `source` is no run, `path` is the same file, no row is in the span, or Parquet cannot be
-        written.
+        `source` is not a run, `path` is the same file, no row is in the range, or Parquet is
+        unavailable.
     OSError
-        It cannot be read, or `path` not written.
+        It cannot be read, or `path` cannot be written.
     """
     import numpy as np
 
@@ -205,44 +205,44 @@ def export_run(source, path, *, start=None, end=None, **options):
 
 
 def export_topics(source, out, topics, *, form='csv', start=None, end=None, overwrite=False):
-    """Write the messages of topics as tables, a row a message and a column a number.
+    """Write the messages of topics as tables: one row per message, one column per number.
 
-    Of a PointCloud2, such as `observation`, each point is a row, with its fields as columns.
+    For a PointCloud2, such as `observation`, each point is a row, with its fields as columns.
 
     Parameters
     ----------
     source : str or Path
         A bag of ours or of rosbag2.
     out : str or Path
-        Folder, made if it is not there; a file of each topic comes to lie in it.
+        Folder, created if needed, for one file per topic.
     topics : list of str
-        Full names, or the ends of such, as ``offset``.
+        Full names, or their ends, as ``offset``.
     form : {'csv', 'parquet'}
     start, end : str, optional
-        Only messages in [start, end) of their log time: see `time_of`.
+        Only messages with log times in [start, end), see `time_of`.
     overwrite : bool
-        Write files that are there already.
+        Overwrite existing files.
 
     Returns
     -------
     files : dict of Path to int
-        Rows of each file.
+        Number of rows in each file.
     problems : list of str
         What was left out.
 
     Raises
     ------
     ValueError
-        A topic is not in the log, no message is in the span, a file is there already, or Parquet
-        cannot be written.
+        A topic is not in the log, no message is in the range, a file already exists, or Parquet
+        is unavailable.
     OSError
-        It cannot be read, or a file not be written.
+        The log cannot be read, or a file cannot be written.
 
     Notes
     -----
-    ``log_time_ns`` and ``publish_time_ns`` come first. Columns are called as in the message, as
-    ``header.stamp.sec`` or ``position[0]``; of an array of more than `MAX_COLUMNS` elements only
-    the length is written.
+    ``log_time_ns`` and ``publish_time_ns`` come first. Columns are named as in the message, for
+    instance ``header.stamp.sec`` or ``position[0]``; for an array of more than `MAX_COLUMNS`
+    elements only the length is written.
     """
     if form == 'parquet':
         _parquet()
@@ -274,7 +274,7 @@ def export_topics(source, out, topics, *, form='csv', start=None, end=None, over
 
 
 def time_of(text, begin):
-    """Nanoseconds since 1970 of a time that a user wrote.
+    """Nanoseconds since 1970 of a time given by the user.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def time_of(text, begin):
     Raises
     ------
     ValueError
-        It is neither.
+        Neither of these.
     """
     from msg_tools.iso_time import WANTED, iso_ns
     try:
@@ -328,14 +328,14 @@ def _times(message):
 
 
 def _flat(message):
-    """Name and value of all numbers and texts of a message."""
+    """Names and values of all numbers and texts of a message."""
     row = _times(message)
     _take(row, '', message.data)
     return row
 
 
 def _take(row, name, value):
-    """Put a value into a row: under its name, or parts of it under theirs."""
+    """Add a value to a row under its name, or its parts under theirs."""
     if isinstance(value, bool | int | float | str):
         row[name] = value
     elif isinstance(value, bytes | bytearray | memoryview) or (
@@ -350,7 +350,7 @@ def _take(row, name, value):
 
 
 def _points(message, wrong):
-    """A row of each point of a cloud, with the stamp; `wrong` counts those that have none."""
+    """A row for each point of a cloud, with the stamp; `wrong` counts invalid clouds."""
     from msg_tools.bag.mcap_records import short
     from msg_tools.cloud_tables import cloud_points
     cloud = message.data
@@ -369,7 +369,7 @@ def _points(message, wrong):
 
 
 def _columns(rows):
-    """Column name to type, over all rows, in the order in which they come up."""
+    """Column name to type, over all rows, in the order of appearance."""
     columns = {}
     for row in rows:
         for name, value in row.items():
@@ -381,7 +381,7 @@ def _columns(rows):
 
 
 def _write_table(part, form, columns, rows):
-    """Write rows, dicts; how many they were."""
+    """Write rows, dicts; return their number."""
     from pointing_model.runs.columns.cells import write_rows
     count = 0
     if form == 'csv':
@@ -405,14 +405,14 @@ def _write_table(part, form, columns, rows):
 
 
 def _as(kind, value):
-    """`value` as the type of its column; numbers that do not fit are missing."""
+    """`value` with the type of its column; None for numbers that do not fit."""
     if value is None or (kind is int and not -2**63 <= value < 2**63):
         return None
     return kind(value)
 
 
 def _write_parquet(run, path):
-    """A run with the columns of its CSV file; ``time`` is a time stamp where it is UTC."""
+    """Write a run with the columns of its CSV file; ``time`` is a time stamp if it is UTC."""
     import numpy as np
 
     from pointing_model.runs.formats.csv import written_columns

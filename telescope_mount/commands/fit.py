@@ -81,7 +81,7 @@ def _run(args):
     from ..night_files import is_log
     from ..run_loader import load_run
     from .console import files_of, new_console, print_all, write_outputs
-    # in logs of ours the zeros of the power-ons are known, and taken off
+    # in our own logs the zeros of the power-ons are known, and subtracted
     run = load_run(args.file, **options.place_of(args), exclude=args.exclude)
     run = one_of_runs(run, args.number, args.sessions != 0.0 or is_log(args.file))
     base = None

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The command ``guard``: what the mount may do, and a hand to stop it, where there is no `ros2`."""
+"""The command ``guard``: state of the guard, and stopping the mount, without `ros2`."""
 
 from contextlib import closing
 
@@ -65,7 +65,7 @@ def _answer(args, document, text):
 
 
 def sentence(status):
-    """What a message on `guard/status` says, a line or two."""
+    """Content of a message on `guard/status`, in one or two lines."""
     rows = {row.key: row.value for row in status.values}
     lines = [f'{rows["state"]}: {status.message}']
     if rows.get('reason'):

@@ -12,13 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The command ``info``: what is in a log, and whether it is whole."""
+"""The command ``info``: contents of a log, and whether it is complete."""
 
 from pathlib import Path
 
 from . import options
 
-#: messages so far from all others, ns, that are no more than such a share, have a wrong time
+#: messages have a wrong time if they are farther than this from all others, ns, and at most this
+#: fraction of all
 PAUSE, FEW = 86_400 * 10**9, 0.01
 
 
@@ -59,20 +60,20 @@ def log_info(path, *, quick=False):
     path : str or Path
         A bag of ours or of rosbag2: a folder, ``.mcap`` or ``.db3``.
     quick : bool
-        Tell what the index says; no message is read, gaps and damage are not looked for.
+        Use only the index; messages are not read, and gaps and damage are not searched.
 
     Returns
     -------
     dict
-        JSON-ready. ``topics`` holds a row each with ``count``, ``rate_hz`` (None below two
-        messages), ``lost`` (None where the log has no sequence numbers, or if `quick`),
+        JSON-ready. ``topics`` has rows with ``count``, ``rate_hz`` (None below two
+        messages), ``lost`` (None if the log has no sequence numbers, or if `quick`),
         ``publishers``; ``start``, ``end`` ISO 8601 UTC or None; ``problems`` is empty if the log
-        is whole.
+        is complete.
 
     Raises
     ------
     ValueError, OSError
-        It is no log, or may not be read.
+        It is not a log, or not readable.
     """
     from msg_tools.bag import OWN_RECORD
     from msg_tools.bag.losses import utc
@@ -107,7 +108,7 @@ def log_info(path, *, quick=False):
 
 
 def _read_through(bag):
-    """(first, last log time, count, SequenceGaps) by topic and type; and what is odd, sentences."""
+    """(first, last log time, count, SequenceGaps) by topic and type; and problems, sentences."""
     from msg_tools.bag.file import attachment_data
     from msg_tools.bag.losses import counted, span
     from msg_tools.gaps import SequenceGaps
@@ -148,15 +149,15 @@ def _read_through(bag):
 
 
 def info_parts(info, verbose=True, files=0):
-    """What `log_info` gives, as lines and tables for the console.
+    """Result of `log_info` as lines and tables for the console.
 
     Parameters
     ----------
     info : dict
     verbose : bool
-        With all topics and their types, and not only those with most messages.
+        Include all topics and their types, not only those with most messages.
     files : int
-        Lines that are printed after it.
+        Number of lines printed after it.
     """
     from calibration.report.terminal_layout import LINES, MORE, height_of, layered
     from calibration.report.terminal_tables import new_table
@@ -192,7 +193,7 @@ def _topics(info):
 
 
 def info_lines(info):
-    """Files, time, programs and integrity of a log, a list of str; last the list of problems."""
+    """Files, time, programs and integrity of a log, list of str; the last entry lists problems."""
     return [
         f'files              {", ".join(info["files"])} ({info["size_bytes"] / 1e6:.2f} MB)',
         f'time               {info["start"]} to {info["end"]} ({info["duration_s"]:.1f} s)',

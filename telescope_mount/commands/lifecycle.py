@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The command ``lifecycle``: what `ros2 lifecycle` does, where there is no `ros2`."""
+"""The command ``lifecycle``: like `ros2 lifecycle`, without `ros2`."""
 
 from contextlib import closing
 

@@ -72,7 +72,7 @@ def add(commands):
 
 
 def _add_server(parser):
-    """Add the options of a night on a mount of a server."""
+    """Add the options for a mount of a server."""
     parser.add_argument('--camera', default='', metavar='indi:HOST:PORT:NAME',
                         help='of a mount of a server: the camera of an INDI server whose images '
                         'are solved (default: the position of a simulator)')

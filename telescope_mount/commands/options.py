@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Kinds of options, and options that several commands have."""
+"""Types of options, and options shared by several commands."""
 
 import argparse
 import os
@@ -27,20 +27,20 @@ from pointing_model.mount_kinds import kinds_text
 
 from ..night_files import log_of, model_of
 
-#: deg by which latitudes of one mount may differ
+#: largest difference between latitudes of the same mount, deg
 _SAME_LATITUDE = 0.01
-#: types for ``add_argument``: a log or run, and a model; a night's folder stands for both
+#: types for ``add_argument``: a log or run, and a model; a night's folder can stand for either
 log_path, model_path = log_of, model_of
-#: kinds of mounts, of every command
+#: kinds of mounts, for all commands
 MOUNT_KINDS = f'{kinds_text()} (where the first axis points, degrees)'
-#: that commands read
+#: runs that commands read
 RUNS = 'file of pointings of any kind in docs/your_own_file.md, or a log'
 #: suffixes of models and pages
 MODELS, PAGES = ('.json', '.yaml', '.yml'), ('.html', '.htm')
 
 
 class Listing(str):
-    """A help text with names of registries, which are loaded when it is shown, not before."""
+    """A help text with names from registries, which are loaded only when it is shown."""
 
     def __mod__(self, params):
         from pointing_model.runs.plate_solves.solvers import PROGRAMS
@@ -50,7 +50,7 @@ class Listing(str):
 
 
 class Default(str):
-    """A number by its name in the module that works with it, loaded when it counts, not before."""
+    """A number given by its name in the module that uses it, loaded only when needed."""
 
     @property
     def value(self):
@@ -85,7 +85,7 @@ def real(low, high, unit=''):
 
 
 def _with_reason(parse):
-    """A type for ``add_argument`` that tells why `parse` takes a text for none of its kind."""
+    """A type for ``add_argument`` that reports why `parse` refuses a text."""
     def parsed(text):
         try:
             return parse(text)
@@ -124,7 +124,7 @@ def names(text):
     return tuple(name.strip() for name in text.split(',') if name.strip())
 
 
-#: options that several commands have, as ``add_argument`` takes them
+#: shared options, as arguments of ``add_argument``
 SHARED = {
     'seed': {'type': whole(0, 2**31 - 1), 'default': 1,
              'help': 'of every random number (default: 1)'},
@@ -181,13 +181,13 @@ MOUNT_OF_NIGHT = f'kind of the mount: {MOUNT_KINDS}; default: that of the scenar
 
 
 def add(parser, *names, **changes):
-    """Add options of `SHARED` by name, with `changes` of this command."""
+    """Add options of `SHARED` by name, with `changes` for this command."""
     for name in names:
         parser.add_argument(f'--{name}', **SHARED[name] | changes)
 
 
 def add_graph(parser):
-    """Add --namespace and --domain of a graph that runs."""
+    """Add --namespace and --domain of a running graph."""
     add(parser, 'namespace')
     add(parser, 'domain', help=RUNNING_DOMAIN)
 
@@ -199,12 +199,12 @@ def add_out(parser, default, what):
 
 
 def harmonics_of(args):
-    """The parameters of the calibration that the options of harmonics set.
+    """Parameters of the calibration from the options of harmonics.
 
     Raises
     ------
     ValueError
-        A degree, or alone, without harmonics.
+        A degree, or --harmonics-alone, without harmonics.
     """
     if args.harmonics == 'none' and not args.harmonics_alone and not args.harmonics_degree:
         return {}
@@ -216,7 +216,7 @@ def harmonics_of(args):
 
 
 def mount_of(args):
-    """The mount that --mount and --latitude say, or None."""
+    """The mount given by --mount and --latitude, or None."""
     if args.mount is None:
         return None
     from msg_tools.units import DEG
@@ -225,7 +225,7 @@ def mount_of(args):
 
 
 def check_mount(args, path, mount):
-    """Refuse --mount and --latitude that contradict the mount of a model of ours."""
+    """Refuse --mount and --latitude that contradict the mount of our own model."""
     from math import degrees
 
     from pointing_model.mounts import parse_mount
@@ -238,27 +238,27 @@ def check_mount(args, path, mount):
 
 
 def given_site(args):
-    """Fields of `Site` that options give, SI."""
+    """Fields of `Site` given by options, SI."""
     from pointing_model.sky.site import SITE
     return {one.field: float(getattr(args, one.field)) * one.size for one in SITE.values()
             if getattr(args, one.field) is not None}
 
 
 def given_air(args):
-    """Fields of `Weather` that options give."""
+    """Fields of `Weather` given by options."""
     return {name: float(value) for name, value in (
         ('pressure_hpa', args.pressure), ('temperature_c', args.temperature)) if value is not None}
 
 
 def place_of(args):
-    """Origin of azimuth, site, weather, mount, equinox for reading a run, where options give them.
+    """Arguments for reading a run: origin of azimuth, site, weather, mount, equinox, if given.
 
-    Of site and weather what is given: the rest is what the file gives, see `read_run`.
+    Site and weather may be partial: the file gives the rest, see `read_run`.
     """
     from pointing_model.sky.refraction import Weather
     from pointing_model.sky.site import Site
     site, weather = given_site(args), given_air(args)
-    Site(**site)  # refuses what is out of range
+    Site(**site)  # raises if out of range
     Weather(**weather)
     return _given(azimuth_origin=args.azimuth_origin, mount=args.mount, site=site or None,
                   weather=weather or None,
@@ -266,23 +266,23 @@ def place_of(args):
 
 
 def _given(**values):
-    """Those that are not None."""
+    """The values that are not None."""
     return {name: value for name, value in values.items() if value is not None}
 
 
 def sky_of(args):
-    """The parameters of the sky that latitude, longitude and height set."""
+    """Parameters of the sky from latitude, longitude and height."""
     return _given(latitude_deg=args.latitude, longitude_deg=args.longitude,
                   height_m=getattr(args, 'height', None))
 
 
 def check_params(path):
-    """Refuse a ROS parameter file that is none, before the graph is started.
+    """Refuse an invalid ROS parameter file before the graph is started.
 
     Raises
     ------
     ValueError
-        It is not there, or none.
+        It does not exist, or is not a parameter file.
     """
     if path is None:
         return
@@ -293,18 +293,18 @@ def check_params(path):
 
 
 def check_target(path, suffixes=()):
-    """Refuse a file that could not be written, before the work and not after it.
+    """Refuse an output file that cannot be written before starting the work.
 
     Parameters
     ----------
     path : Path or None
     suffixes : sequence of str
-        One of which its name must have, if there are any.
+        Allowed endings of its name; empty: any.
 
     Raises
     ------
     ValueError
-        Its name ends otherwise, it is a folder, or there is none for it.
+        Its name has another ending, it is a folder, or its folder does not exist.
     """
     if not isinstance(path, Path):
         return
@@ -315,7 +315,7 @@ def check_target(path, suffixes=()):
              'there is no such folder; make it, or name another' if not folder.is_dir() else
              'it may only be read; name another file' if path.exists() and not os.access(
                  path, os.W_OK) else
-             # a file is written beside its place, and put there whole
+             # a file is written to its folder first, then renamed
              'the folder may only be read; name another' if (not path.exists() or path.is_file())
              and not os.access(os.path.dirname(os.path.realpath(path)), os.W_OK) else '')
     if wrong:
@@ -323,7 +323,7 @@ def check_target(path, suffixes=()):
 
 
 class _JsonTarget:
-    """The standard output as the target of --json, while what is for people is not printed."""
+    """Standard output as the target of --json; other output is suppressed."""
 
     def __init__(self, stream):
         self._stream = stream
@@ -339,7 +339,7 @@ class _JsonTarget:
 
 
 def add_json(parser, what='the result'):
-    """Add --overwrite, --json and what that writes: the same in all commands, see `json_given`."""
+    """Add --overwrite and --json: the same in all commands, see `json_given`."""
     add_overwrite(parser)
     parser.add_argument('--json', type=_json_target, nargs='?', const='-', metavar='FILE.json',
                         help=f'print {what} as JSON, and nothing else; with FILE.json write it '
@@ -351,7 +351,7 @@ def _json_target(text):
 
 
 def json_given(argv):
-    """Have --json take the word behind it only if that is the name of a JSON file.
+    """Let --json take the next word only if that is the name of a JSON file.
 
     Parameters
     ----------
@@ -370,7 +370,7 @@ def json_given(argv):
 
 @contextmanager
 def json_alone(args):
-    """While --json prints, nothing else does; what is told of files comes on the way, too."""
+    """Suppress all other output while --json prints."""
     if getattr(args, 'json', None) != '-':
         yield
         return
@@ -386,7 +386,7 @@ def add_overwrite(parser):
 
 
 def check_files(args):
-    """Refuse files that a user has named, before the work: those to write and --params.
+    """Refuse invalid output files and --params before starting the work.
 
     Raises
     ------
@@ -401,12 +401,12 @@ def check_files(args):
 
 
 def refuse_existing(path, args):
-    """Refuse a file that is there, unless --overwrite is given.
+    """Refuse an existing file unless --overwrite is given.
 
     Raises
     ------
     ValueError
-        It is.
+        The file exists.
     """
     if isinstance(path, Path) and not args.overwrite and path.is_file() and (
             path.absolute().parts[1:2] != ('dev',)):
@@ -419,7 +419,7 @@ def is_list(args):
 
 
 def add_scenario(parser, **given):
-    """Add --scenario, which shells complete."""
+    """Add --scenario, with completion in shells."""
     parser.add_argument('--scenario', metavar='NAME', **given).completer = _scenarios
 
 
@@ -429,7 +429,7 @@ def _scenarios(**_):
 
 
 def list_scenarios(args, *patterns):
-    """Print the names of scenarios and what each does; those that fit a pattern, if there are any.
+    """Print names and descriptions of scenarios; only those that match a pattern, if given.
 
     Returns
     -------
@@ -452,12 +452,12 @@ def list_scenarios(args, *patterns):
 
 
 def add_verbose(parser, what):
-    """Add --verbose: beyond the first lines."""
+    """Add --verbose, for more than the first lines."""
     parser.add_argument('--verbose', action='store_true', help=f'print all {what}')
 
 
 def add_outputs(parser, json='the result', save='the model', report=True):
-    """Add --report, --json, --save and --overwrite, as `console.write_outputs` writes them."""
+    """Add --report, --json, --save and --overwrite, for `console.write_outputs`."""
     if report:
         parser.add_argument('--report', type=Path, metavar='FILE', help='write the page (.html)')
     if save:

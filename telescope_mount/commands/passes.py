@@ -16,7 +16,7 @@
 
 from . import options
 
-#: passes that are listed without --verbose
+#: most passes listed without --verbose
 _MOST = 15
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The command ``recover``: a new log from whatever can be read of a damaged one."""
+"""The command ``recover``: a new log with everything that can be read from a damaged one."""
 
 from collections import Counter
 from pathlib import Path
@@ -63,30 +63,30 @@ def _what_is_lost(report):
 
 
 def recover_log(bag, out=None):
-    """Write all that can be read of a log into a new one, with index, statistics and metadata.
+    """Write everything that can be read of a log into a new one, with index and metadata.
 
     Parameters
     ----------
     bag : str or Path
         A folder, an ``.mcap`` or a ``.db3`` file; it is only read.
     out : str or Path, optional
-        Folder of the new log, which must not exist or be empty; ``<bag>_recovered`` by default.
+        Folder of the new log, which must not exist or must be empty; default ``<bag>_recovered``.
 
     Returns
     -------
     dict
-        ``out`` (Path), ``messages``, ``topics``, ``attachments``: what is in the new log;
-        ``whole``, whether that is all; ``messages_lost``, of them by topic ``missing`` beside
-        ``recorded``; ``all_known``, whether these are all that were lost; ``parts``, what of the
-        files is damaged, with its bytes, times (ns) and messages; ``lost_bytes``; ``lost``, a line
-        for all that is wrong with the log or could not be saved.
+        ``out`` (Path), ``messages``, ``topics``, ``attachments``: contents of the new log;
+        ``whole``: whether nothing is lost; ``messages_lost``, with ``missing`` and ``recorded`` by
+        topic; ``all_known``: whether these are all lost messages; ``parts``: damaged parts of the
+        files, with bytes, times (ns) and messages; ``lost_bytes``; ``lost``: a line for each
+        problem of the log and for everything that could not be saved.
 
     Raises
     ------
     ValueError
-        Nothing can be read, or `out` is in use or lies in the log.
+        Nothing can be read, or `out` is not empty or lies in the log.
     OSError
-        It may not be read, or `out` not be written.
+        The log is not readable, or `out` cannot be written.
     """
     from msg_tools.bag import OWN_RECORD, BagWriter
     from msg_tools.bag.sqlite import open_bag
@@ -96,7 +96,7 @@ def recover_log(bag, out=None):
     if bag.is_dir() and bag.resolve() in (out.resolve(), *out.resolve().parents):
         raise ValueError(f'{out} lies in the log itself; choose another folder with --out')
     reader = open_bag(bag)
-    # what the new log writes by itself, or what says of the old files
+    # records that the new log writes itself, or that describe the old files
     own = ('rosbag2', OWN_RECORD, REPEATED_RECORD, STOPPED_RECORD)
     notes = []
     with BagWriter(out, metadata=reader.metadata.get(OWN_RECORD)) as new:
@@ -107,7 +107,7 @@ def recover_log(bag, out=None):
         types = {topic.name: topic.type for topic in topics}
         saved = Counter()
         for message in reader.messages(list(types)):
-            # a later time is none that a log can hold
+            # a log cannot hold later times
             if message.type == types[message.topic] and message.log_time < 2**63:
                 saved[message.topic] += 1
                 new.write(message.topic, message.data, message.log_time,

@@ -117,7 +117,7 @@ def _named(measured):
 
 
 def _diagnosed(fit, document):
-    """View of the diagnosis of what is left; None where the points are too few."""
+    """View of the diagnosis of the residuals; None if there are too few points."""
     from calibration.analysis.diagnosis.diagnosis import diagnose
     from calibration.analysis.satellites.normal_points import normal_points
     from calibration.report.diagnosis_view import view_of

@@ -93,7 +93,7 @@ def run(args):
 
 
 def _files(paths):
-    """What was named; of a folder that is no log, the files and the nights in it."""
+    """The given paths; for a folder that is not a log, the files and nights in it."""
     from ..night_files import holds_log
     for path in paths:
         if path.is_dir() and not holds_log(path):

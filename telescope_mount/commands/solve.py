@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The command ``solve``: a folder of images into a pointing run."""
+"""The command ``solve``: converts a folder of images to a pointing run."""
 
 from pathlib import Path
 
@@ -45,7 +45,7 @@ def add(commands):
 
 
 def run(args):
-    """Solve, tell of each image, count."""
+    """Solve, report each image, count."""
     from pointing_model.runs.plate_solves.mapping import load_mapping
     from pointing_model.runs.plate_solves.solvers import find_solver
 
@@ -78,7 +78,7 @@ def run(args):
 
 
 def _column_doubts(path):
-    """Whether clock, site or readings of a run are wrong, and what is reported of them, lines."""
+    """Whether clock, site or readings of a run are wrong, and remarks on them, lines."""
     from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
     from calibration.report.wording import wording
 
@@ -88,5 +88,5 @@ def _column_doubts(path):
         return False, [wording(one) for one in check_columns(run).doubts(run.mount.names)]
     except MistakenColumns as error:
         return True, [str(error)]
-    except ValueError:  # no run yet, such as of an image without readings
+    except ValueError:  # not a run yet, for instance images without readings
         return False, []

@@ -22,9 +22,9 @@ from msg_tools import NAMESPACE
 
 from . import options
 
-#: s in which a graph is found, and in which its nodes have told all once they were
+#: most s to find a graph, and then until its nodes have reported everything
 FOUND, COMPLETE = 10.0, 2.0
-#: s between two pictures, of which so many are spent on taking messages
+#: s between two updates, of which the second number is for receiving messages
 PICTURE, TAKING = 0.25, 0.05
 
 
@@ -75,7 +75,7 @@ def _log(args):
 
 
 def _print_state(args, state):
-    """The state, once."""
+    """Print the state once."""
     from ..dashboard.terminal_view import Dashboard
     from .console import new_console, write_json
     new_console().print(Dashboard(state))
@@ -101,13 +101,13 @@ def _graph(args):
 
 
 def listen(graph, source, namespace):
-    """What a graph says, from now on.
+    """Last messages of a graph, from now on.
 
     Parameters
     ----------
     graph : GraphClient
     source : str
-        Its name.
+        Name of the graph.
     namespace : str
 
     Returns
@@ -118,7 +118,7 @@ def listen(graph, source, namespace):
 
     from ..dashboard.graph_state import SUBSCRIBED, LastMessages
     messages = LastMessages(source, namespace)
-    # of a thousand readings a second the last is enough, and a clock is as fast
+    # of a thousand readings a second only the latest is needed; the clock is as fast
     latest = topics.make_qos(1, reliable=False)
     for topic in SUBSCRIBED:
         fast = topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.CLOCK, topics.REQUEST)
