@@ -296,7 +296,7 @@ class McapReplay(MountNode):
             return False
         topic, (_, counter) = pub.topic_name, self._publishers_of[pub.topic_name]
         last = [report['last'][topic] for report in self._reports.values()
-                if report['subscribes'].get(topic)]  # of who is matched with this
+                if report['subscribes'].get(topic)]  # of the matched subscribers
         if len(last) < pub.get_subscription_count() and (
                 time.monotonic() - self._since < FOREIGN):
             return False  # some have not reported yet

@@ -43,7 +43,7 @@ class PolarAxis:
     Attributes
     ----------
     azimuth, altitude : float
-        Of the axis, rad; azimuth from north through east.
+        Direction of the axis, rad; azimuth from north through east.
     azimuth_error, altitude_error : float
         Axis minus pole, rad: turn the base by the opposite amount. A larger azimuth is clockwise,
         seen from above.

@@ -75,7 +75,7 @@ class Context:
     columns : dict of str to ndarray or float, optional
         Drivers by the names of `run.COLUMNS` (SI), and user-defined ones. NaN is unknown.
     latitude, longitude : float, optional
-        Of the site, radians, north and east positive.
+        Of the site, radians; north and east positive.
     mount : Mount, optional
         Its axes define the angles.
 

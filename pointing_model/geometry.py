@@ -142,7 +142,7 @@ def _to_axes(trig, known):
     Parameters
     ----------
     trig : Trig
-        Of the directions.
+        Trigonometric functions of the directions.
     known : sequence of float
         Coefficients in the order of `CANONICAL`, radians.
 
@@ -279,7 +279,7 @@ def linearised(trig, known, names):
     Parameters
     ----------
     trig : Trig
-        Of the catalogue places.
+        Trigonometric functions of the catalogue places.
     known : sequence of float
         Point of linearisation: coefficients in the order of `CANONICAL`, radians.
     names : sequence of str

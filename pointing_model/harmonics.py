@@ -73,7 +73,7 @@ def basis(az, el, interpretation='zenith'):
     az, el : float or ndarray, shape (n,)
         Catalogue place, radians.
     interpretation : {'zenith', 'printed'}
-        What the paper's E means: the zenith distance, or the elevation as printed.
+        Meaning of the paper's E: the zenith distance, or the elevation as printed.
 
     Returns
     -------

@@ -49,7 +49,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
         Which zero of those stored in the model to use: the newest, that of the run with this
         number, or none. A driver ``run`` selects the zero of its run for each row.
     latitude_deg, longitude_deg : float, optional
-        Of the site, for effects that depend on sidereal time.
+        Site, for effects that depend on sidereal time.
     **drivers : float or array_like, shape (n,)
         Drivers of the model's effects, by the names and units of a CSV: ``temperature_c=4.5``,
         ``time`` (UTC, seconds since 1970), ``approach_az``, ... An effect without its driver
@@ -86,7 +86,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
 
 
 def _refuse_misspelled(model, drivers):
-    """Refuse a driver that nobody knows, where one that an effect follows is missing."""
+    """Refuse an unknown driver if one that an effect needs is missing: it may be misspelled."""
     followed = {name for one in model.effects for name in one.effect.requires}
     known = {**_DRIVERS, **{name: (name, 1.0) for name in {*COLUMNS, *followed}}}
     missing = followed - {known[name][0] for name in drivers if name in known}
@@ -108,9 +108,9 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
     time : float or array_like, shape (n,)
         UTC, seconds since 1970.
     longitude_deg, latitude_deg, height_m : float
-        Of the site. An equatorial mount has its own latitude.
+        Site. An equatorial mount has its own latitude.
     pressure_hpa, temperature_c : float or array_like, optional
-        Of the air, for the refraction; pressure 0: no refraction. By default the standard
+        Weather, for the refraction; pressure 0: no refraction. By default the standard
         atmosphere at the height of the site, 10 C.
     of_date : bool
     beyond : bool or array_like of bool, optional

@@ -115,8 +115,8 @@ class Mount:
         Parameters
         ----------
         azimuth, elevation : float
-            Of the pole of the first axis, radians; 0, 0 for an alt-alt mount whose axis goes from
-            south to north.
+            Pole of the first axis, radians; 0, 0 for an alt-alt mount whose axis goes from south to
+            north.
         roll : float
             First angle, clockwise about the pole, at the highest point of the frame's equator.
         """
@@ -251,7 +251,7 @@ class Mount:
         first, second : float or ndarray
             Angles of the place, not through the pole, radians.
         limit : float
-            How far past the meridian the axis may turn, radians: within it both sides are possible.
+            Limit of the axis past the meridian, radians: within it both sides are possible.
         beyond : bool or ndarray of bool
             The side to take where both are possible.
 

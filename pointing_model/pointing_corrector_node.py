@@ -163,7 +163,7 @@ class PointingCorrector(MountNode):
         return found
 
     def details(self):
-        """What is active."""
+        """The active terms, model and zero."""
         terms, (model, zero) = 'none', (self._active.model, self._active.zero)
         if model is not None:
             series = [] if model.harmonics is None else [

@@ -375,7 +375,7 @@ def mean_columns(names, az, el, mount=ALTAZ):
     Returns
     -------
     ndarray, shape (2, k)
-        Of azimuth (coordinate angle, not on the sky) and elevation, for unit coefficients.
+        Derivatives of azimuth (coordinate angle, not on the sky) and elevation by the coefficients.
     """
     x, y = design(names, az, el, mount)
     return np.stack((np.mean(x / np.cos(el)[:, None], axis=0), np.mean(y, axis=0)))

@@ -293,13 +293,13 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
         ``altaz``, ``equatorial``, ``german``, ``xy[:AZ]`` or ``free:AZ,EL[,ROLL]``; overrides
         the file.
     latitude_deg, longitude_deg, height_m : float, optional
-        Of the site (degrees, east positive; metres), if the file does not give it.
+        Site (degrees, east positive; metres), if the file does not give it.
     pressure_hpa, temperature_c : float, optional
-        Of the air, for the refraction of places in right ascension.
+        Weather, for the refraction of places in right ascension.
     azimuth_origin : {'N', 'S'}, optional
         Where azimuth 0 is in a TPOINT file.
     equinox : {'j2000', 'date'}, optional
-        Of catalogue places in right ascension; by default from the file, or the one that fits.
+        Equinox of right ascensions; by default from the file, or the one that fits.
 
     Returns
     -------

@@ -169,7 +169,7 @@ def _has_exposures(bag, topic):
 
 
 def _runs(bag, topic):
-    """Of each observation."""
+    """The `PointingRun` of each message with observations in a log."""
     from pointing_model.runs.run_messages import cloud_to_run
     return (cloud_to_run(message.data) for message in bag.messages([topic], decode=True))
 

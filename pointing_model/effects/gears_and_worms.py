@@ -182,7 +182,7 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
 
 
 def _wheel(turns):
-    """Parts that may have so many periods per turn."""
+    """Parts that may have this number of periods per turn."""
     return next(words for most, words in _WHEELS if turns <= most)
 
 

@@ -43,5 +43,5 @@ def _bent_to_one_side():
 
 
 def propose(context, lacking, own):
-    """Of any mount."""
+    """For every mount."""
     yield Offer('bent_to_one_side', [effect('bent_to_one_side')])

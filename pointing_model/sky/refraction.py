@@ -164,7 +164,7 @@ def air_of_rows(height, pressure=None, temperature=None, declared=None, given=No
 
 
 def unused_air(first, second):
-    """What to say where air is given, and the places of the columns are refracted already."""
+    """Note that given weather is unused, as the places in the columns are already refracted."""
     return (f'--pressure and --temperature change nothing: {first}, {second} are taken as '
             'refracted places')
 

@@ -63,7 +63,7 @@ _SAME_ANGLE, _SAME_HEIGHT = 0.01, 100.0
 
 
 def site_contradictions(given, declared):
-    """What to say of a site that is given in place of another one of a file.
+    """Notes on a given site that replaces another one in a file.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ class Pointing:
         Offset of the pointing in addition to model and zero, rad.
     mount : Mount, optional
     meridian_limit : float
-        How far past the meridian a German mount may turn, rad.
+        Limit of a German mount past the meridian, rad.
 
     Attributes
     ----------

@@ -77,7 +77,7 @@ class Instruments:
     power_on, absolute_power_on : PowerOn or None
         Power-ons reported by the incremental and the absolute encoder.
     began : int
-        How often the graph clock was restarted.
+        Number of restarts of the graph clock.
     names : tuple of str
         Names of the existing instruments.
     health : InstrumentHealth

@@ -121,7 +121,7 @@ def across(time, angles, rates, keyhole, axis):
     ----------
     time : ndarray, shape (n,)
     angles, rates : ndarray, shape (n,)
-        Of this axis on the track, rad, rad/s.
+        Angles and rates of this axis on the track, rad, rad/s.
     keyhole : Keyhole
     axis : guard.limits.Axis
 

@@ -69,7 +69,7 @@ class NightSteps:
     progress : Progress
         Progress of the plan.
     text : str
-        What it does or waits for.
+        What the plan does or waits for.
     evening : int
         Begin of the night, or end of its last `wait`, ns.
     checks : list of dict

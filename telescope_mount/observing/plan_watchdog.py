@@ -64,7 +64,7 @@ class PlanWatchdog:
         begun : bool
             Whether the plan has passed the wait for the graph.
         waits : str
-            What it waits for, '' if nothing.
+            What the plan waits for, '' if nothing.
         verb : str
             Verb of the step.
         rows : int

@@ -172,7 +172,7 @@ def error_over(tracker, everywhere, seconds_ahead=0.0):
 
 
 def until(tracker, everywhere, goal, most_s=7200.0):
-    """How long the pointing stays better than a goal without another star.
+    """Time for which the pointing stays better than a goal without another star.
 
     Parameters
     ----------
