@@ -223,7 +223,7 @@ def table_rows(season):
 
 
 def without_odd_nights(season):
-    """The season without single nights far from their neighbours, and a Finding on each.
+    """The season without single nights, or two, far from their neighbours, and a Finding on each.
 
     A misidentified star or a lost zero is no random walk, and one such night hides all causes. The
     first and the last night are kept: their deviation may be a step.
@@ -238,10 +238,14 @@ def without_odd_nights(season):
     off = values - about
     scatter = np.hypot(1.4826 * np.median(np.abs(off), axis=0), np.median(error, axis=0))
     times = np.abs(off) / np.hypot(scatter, error)
-    # nights on either side of a step agree with one neighbour
-    beside = np.abs(np.diff(values, axis=0)) / np.hypot(scatter, error[1:])
+    # nights on either side of a step agree with one neighbour, of stairs are between both
     alone = np.zeros_like(times)
-    alone[1:-1] = np.minimum(beside[:-1], beside[1:])
+    for span in (1, 2):
+        for i in range(1, n - span):
+            here = slice(i, i + span)
+            before, after = values[here] - values[i - 1], values[here] - values[i + span]
+            beside = np.minimum(np.abs(before), np.abs(after)) * (before * after > 0.0)
+            alone[here] = np.maximum(alone[here], beside / np.hypot(scatter, error[here]))
     odd = np.flatnonzero((np.minimum(times, alone) > _ODD).any(axis=1))
     if len(odd) > n // 10 + 1:
         return season, []

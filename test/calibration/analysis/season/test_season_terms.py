@@ -103,21 +103,23 @@ def test_a_season_that_only_wanders_has_no_cause():
     assert claimed == 0
 
 
-def test_a_single_night_far_from_those_about_it_hides_no_cause():
+@pytest.mark.parametrize('far', [1, 2])
+def test_a_night_or_two_far_from_those_about_hide_no_cause(far):
     def moved(values, warm):
         values[:, 2] += 2.5 * (warm - 10.0)
-        values[7, 2] += 700.0
+        values[7:7 + far, 2] += 700.0
 
     judged = analyse_season(season(np.random.default_rng(13), 24, moved=moved),
                             causes={'temperature': 20.0})
     assert [(one.cause.kind, NAMES[one.cause.terms[0]]) for one in judged.causes] == [
         ('column', 'TF')]
-    assert len(judged.season.nights) == 23
+    assert len(judged.season.nights) == 24 - far
     assert any('night 7' in note and 'TF is +7' in note for note in worded(judged.notes))
     # neither a step, if it is before the last night, nor what follows the temperature is one
     for trial, at in enumerate((12, 12, 12, 1, 22, 23)):
         def stepped(values, warm, at=at):
             values[at:, 1] += 80.0
+            values[at + 2:, 1] += 80.0  # nor stairs
             values[:, 2] += 2.5 * (warm - 10.0)
         made = season(np.random.default_rng([17, trial]), 24, moved=stepped)
         assert len(analyse_season(made).season.nights) == 24
