@@ -54,10 +54,7 @@ class ParameterNode(Node):
         given = [Parameter(key, value=value) for key, value in (overrides or {}).items()]
         super().__init__(name, context=context, namespace=namespace, parameter_overrides=given,
                          start_parameter_services=True, enable_rosout=True)
-        try:
-            check_files(self.get_fully_qualified_name(), sys.argv)
-        except ValueError as err:
-            raise BadInput(str(err)) from None
+        check_files(self.get_fully_qualified_name(), sys.argv)
         if self.has_parameter(USE_SIM_TIME.name):
             self.set_descriptor(USE_SIM_TIME.name, USE_SIM_TIME)
         self._params = {}

@@ -113,8 +113,7 @@ def check_files(node, words):
             continue
         meant = [section for section in found
                  if get_close_matches(section.rpartition('/')[2], [name], 1, ALIKE)]
-        if not any(is_of(section, node) for section in meant):
-            for section in meant:
-                if section == name or not section.endswith(f'/{name}'):
-                    raise ValueError(f'{path}: section {section} does not match {node}: write '
-                                     f'/**/{name}')
+        wrong = [section for section in meant
+                 if section == name or not section.endswith(f'/{name}')]
+        if wrong and not any(is_of(section, node) for section in meant):
+            raise ValueError(f'{path}: section {wrong[0]} does not match {node}: write /**/{name}')

@@ -20,6 +20,7 @@ from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
 
+from calibration.analysis.harmonic_fit import choice_of_report
 from calibration.estimation.false_alarms import ALPHA
 from msg_tools import topics
 from msg_tools.bag.bag_pair import parameters_of
@@ -86,7 +87,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     had_zero = bool(counts[f'{prefix}{topics.ZERO.name}']) and _has_exposures(bag, observation)
     diagnosed = _last(bag, f'{prefix}{topics.DIAGNOSIS.name}')
     # parameters of the calibration for fit and diagnosis in the night
-    as_then = _harmonics(bag, prefix) if harmonics is None else harmonics
+    as_then = harmonics if harmonics is not None else choice_of_report(
+        _last(bag, f'{prefix}{topics.CALIBRATION_REPORT.name}')).parameters()
     if diagnosed:
         lines_of = diagnosed.get('graduation') or {}
         as_then |= {'alpha': diagnosed.get('alpha', ALPHA),
@@ -172,13 +174,6 @@ def _runs(bag, topic):
     """The `PointingRun` of each message with observations in a log."""
     from pointing_model.runs.run_messages import cloud_to_run
     return (cloud_to_run(message.data) for message in bag.messages([topic], decode=True))
-
-
-def _harmonics(bag, prefix):
-    """Harmonics of the model in a log, as parameters of the calibration."""
-    from calibration.analysis.harmonic_fit import choice_of_report
-    return choice_of_report(
-        _last(bag, f'{prefix}{topics.CALIBRATION_REPORT.name}')).parameters()
 
 
 def _last(bag, name):

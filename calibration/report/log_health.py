@@ -178,7 +178,7 @@ def _nodes(bag):
             continue
         diagnostics = bag.decode(message)
         for status in getattr(diagnostics, 'status', ()):
-            level, before = _level(status.level), out.get(status.name)
+            level, before = level_of(status), out.get(status.name)
             # at shutdown nodes stop one after the other, and report each other as missing
             if i > over and before and level > LEVELS.index(before['level']):
                 continue
@@ -190,7 +190,7 @@ def _nodes(bag):
     return [out[name] for name in sorted(out)]
 
 
-def _level(value):
-    """Index in `LEVELS`; ROS gives the level as a byte."""
-    value = value[0] if isinstance(value, bytes) else value
+def level_of(status):
+    """Of a DiagnosticStatus, index in `LEVELS`; a live one has it as a byte."""
+    value = status.level[0] if isinstance(status.level, bytes) else status.level
     return min(int(value), len(LEVELS) - 1)

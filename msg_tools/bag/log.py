@@ -16,7 +16,7 @@
 
 import re
 from collections import Counter
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
@@ -134,8 +134,7 @@ class Reader:
             topic, type, data, log_time, publish_time, sequence. SQLite files of rosbag2 hold only
             one time: ``publish_time`` is ``log_time``.
         """
-        wanted = {topics} if isinstance(topics, str) else topics if topics is None \
-            else set(topics)
+        wanted = None if topics is None else {topics} if isinstance(topics, str) else set(topics)
         room = MIN_EXPANDED + EXPANSION * sum(file.stat().st_size for file in self.files)
         for message, schema in self._stored(wanted, start or 0, 2**64 if end is None else end):
             if message.data[:4] == PACKED:
@@ -148,14 +147,12 @@ class Reader:
                 yield message
 
     def _unpacked(self, message, most):
-        try:
+        with suppress(ValueError, zstandard.ZstdError):
             size = zstandard.frame_content_size(message.data)
-            if not 0 <= size <= most:
-                raise ValueError(f'{size} bytes')
-            return decompress(message.data, 'zstd', size)
-        except (ValueError, zstandard.ZstdError):
-            self._skipped[f'{message.topic}: a message that cannot be unpacked left out'] += 1
-            return None
+            if 0 <= size <= most:
+                return decompress(message.data, 'zstd', size)
+        self._skipped[f'{message.topic}: a message that cannot be unpacked left out'] += 1
+        return None
 
     def _check_times(self):
         wrong = implausible(self.start_time, self.end_time)

@@ -32,7 +32,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
 
-from .reported_problems import alarms, rows_of
+from .reported_problems import alarms
 
 #: of which the last message is kept
 LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE,
@@ -335,7 +335,7 @@ class LastMessages:
             if message is not None:
                 state.messages[key] = message.message
         guard = self._get(topics.GUARD_STATUS)
-        state.guard = guard and rows_of(guard).get('state')
+        state.guard = guard and {row.key: row.value for row in guard.values}.get('state')
         observer = self._get(topics.OBSERVER_STATUS)
         if observer is not None:
             state.plan = Progress.read(observer).rows()

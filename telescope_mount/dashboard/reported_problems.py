@@ -18,9 +18,8 @@ import json
 
 import numpy as np
 
+from calibration.report.log_health import LEVELS, level_of
 from msg_tools import topics
-
-_LEVELS = ('ok', 'warning', 'error', 'silent')
 
 
 def alarms(state, bad, reports, last, now, patience):
@@ -59,19 +58,19 @@ def alarms(state, bad, reports, last, now, patience):
         found += [(3, f'{name}: silent for {age:.0f} s') for name, age in sorted(silent.items())]
     nodes = {}
     for name, (status, _) in sorted(reports.items()):
-        level = _level(status)
+        level = level_of(status)
         if name in silent:
             nodes[name] = {'level': 'silent', 'said': status.message}
             continue
-        nodes[name] = {'level': _LEVELS[min(level, 3)], 'said': status.message}
+        nodes[name] = {'level': LEVELS[level], 'said': status.message}
         if level:
             found.append((level, f'{name}: {status.message}'))
     for topic in (topics.OBSERVER_STATUS, topics.GUARD_STATUS, topics.CALIBRATION_STATUS):
         message = last(topic)
         # a node that has a status says the same on /diagnostics, with more about it
-        if message is not None and _level(message) and (
+        if message is not None and level_of(message) and (
                 nodes.get(message.name, {}).get('level', 'ok') == 'ok'):
-            found.append((_level(message), f'{topic.name}: {message.message}'))
+            found.append((level_of(message), f'{topic.name}: {message.message}'))
     if state.reading_deg and not np.isfinite(state.reading_deg).all():
         found.append((1, 'the incremental encoder is not homed'))
     if None not in (state.power_on, state.zero_power_on) and state.power_on != state.zero_power_on:
@@ -79,7 +78,7 @@ def alarms(state, bad, reports, last, now, patience):
                       f'{state.power_on}'))
     found += [(2, sentence) for sentence in _of_cross_check(last(topics.CALIBRATION_REPORT))]
     found = dict.fromkeys(sorted(found, key=lambda row: -row[0]))
-    return nodes, [{'level': _LEVELS[min(level, 3)], 'said': said} for level, said in found]
+    return nodes, [{'level': LEVELS[level], 'said': said} for level, said in found]
 
 
 def _of_cross_check(message):
@@ -87,13 +86,3 @@ def _of_cross_check(message):
         return json.loads(message.data)['witnesses']['alarms'] if message else []
     except (ValueError, KeyError, TypeError):
         return []
-
-
-def _level(status):
-    """Of a DiagnosticStatus: one byte live, a number in a log."""
-    return status.level[0] if isinstance(status.level, bytes) else int(status.level)
-
-
-def rows_of(status):
-    """Key and value of each row of a DiagnosticStatus, dict."""
-    return {row.key: row.value for row in status.values}

@@ -66,8 +66,7 @@ def check_contract(samples):
         out.append(Remark(NOTE, '/clock', 'is published: the graph runs on simulated time; with a '
                           'real mount nobody may publish it'))
     incremental = Remarks(samples.incremental.topic)
-    counts = _stream(incremental, samples, samples.incremental, slow=SLOW, late=LATE)
-    if counts:
+    if counts := _stream(incremental, samples, samples.incremental, slow=SLOW, late=LATE):
         _encoder(incremental, samples, samples.incremental)
     absolute = Remarks(samples.absolute.topic)
     if not samples.absolute.endpoints:
@@ -240,14 +239,12 @@ def _motion(out, stamps, values, rates, pointed):
         out.note('wraps: it jumped by a turn; where a cable counts, count turns on, and commands '
                  'do too')
     _velocity(out, way, passed, rates)
-    own = way / passed
-    moving, known = np.abs(own) > 10.0 * STILL, np.isfinite(rates[1:])
-    rest = ~moving.any(axis=1)
-    if pointed and not known.any() and rest.sum() > 20:
-        restless = float(np.mean(np.abs(own[rest]).max(axis=1) > STILL))
-        if restless > 0.5:
-            out.wrong(f'no velocity, and its noise over {float(np.median(passed)):.3g} s '
-                      'looks like motion: home never sees it at rest; fill velocity')
+    speed = np.abs(way / passed).max(axis=1)
+    rest = speed[speed <= 10.0 * STILL]
+    if pointed and not np.isfinite(rates[1:]).any() and len(rest) > 20 and (
+            np.mean(rest > STILL) > 0.5):
+        out.wrong(f'no velocity, and its noise over {float(np.median(passed)):.3g} s '
+                  'looks like motion: home never sees it at rest; fill velocity')
     if not way.any():
         out.note('not one bit has changed: it stands, or it is frozen (move the mount, or --nudge)')
 
