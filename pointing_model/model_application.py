@@ -38,7 +38,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
 
     Parameters
     ----------
-    model : PointingModel, str or Path
+    model : PointingModel, what has one as ``model`` (a fit, a diagnosis), str or Path
         A path is a model file of this program, or of another that `model_files.read_model` reads.
     az_deg, el_deg : float or array_like, shape (n,)
         Observed place, degrees, azimuth from north through east. With `reverse`: encoder
@@ -70,7 +70,8 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
     """
     if isinstance(model, str | Path):
         from .runs.model_reader import read_model
-        model = read_model(model).model
+        model = read_model(model)
+    model = getattr(model, 'model', model)
     _refuse_misspelled(model, drivers)
     az, el = np.broadcast_arrays(*(np.asarray(v, float) * DEG for v in (az_deg, el_deg)))
     columns = {}

@@ -47,7 +47,7 @@ from calibration.report.documents import fit_document, run_diagnosis_document
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from msg_tools.whole_files import write_text
-from pointing_model import model_application as _apply
+from pointing_model.model_application import apply
 from pointing_model.runs.copies import without_copies
 from pointing_model.runs.run import COLUMNS, PointingRun, column_name
 
@@ -398,35 +398,6 @@ def diagnose(runs, base='physical', *, alpha=ALPHA, holdout=(), encoder='enc', s
                                seed=seed, progress=progress, jobs=jobs, checked=checked,
                                first_answer=first_answer and (
                                    lambda found: first_answer(wording(found)))))
-
-
-def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=None,
-          longitude_deg=None, **drivers):
-    """Encoder angles at which the mount points at directions, or the inverse, in degrees.
-
-    Parameters
-    ----------
-    model : Fit, RunDiagnosis, PointingModel, str or Path
-        A path is a model file of this program or of another one.
-    az_deg, el_deg, reverse, zero, latitude_deg, longitude_deg, **drivers
-        See `apply` of `pointing_model.model_application`: ``temperature_c=4.5``, ...
-
-    Returns
-    -------
-    az_deg, el_deg : ndarray, shape (n,)
-        Encoder readings; with `reverse` the directions in which the mount points.
-
-    Raises
-    ------
-    ValueError
-        No such zero, a file without a model, or drivers of another length.
-    OSError
-        The file cannot be read.
-    """
-    if isinstance(model, Fit | RunDiagnosis):
-        model = model.model
-    return _apply.apply(model, az_deg, el_deg, reverse=reverse, zero=zero,
-                        latitude_deg=latitude_deg, longitude_deg=longitude_deg, **drivers)
 
 
 def _rows(run):

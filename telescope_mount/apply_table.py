@@ -32,7 +32,7 @@ from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.column_names import CSV_NAMES
 from pointing_model.runs.columns.declarations import declarations
 from pointing_model.runs.columns.pier_side import sides_of
-from pointing_model.runs.columns.run_table import content, lines_of, own_name
+from pointing_model.runs.columns.run_table import lines_of, own_name
 from pointing_model.runs.columns.solve_columns import may_be_hours, refuse_hours
 from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
 from pointing_model.runs.run import COLUMNS, column_name
@@ -162,9 +162,7 @@ def _table(file):
         data = sys.stdin.buffer.read()
     else:
         name, data = file, Path(file).read_bytes()
-    lines = lines_of(name, data) if data.strip() else []
-    if not content(lines):
-        raise ValueError(f'{name} is empty; it needs a header row, as az_deg,el_deg')
+    lines = lines_of(name, data)
     return Cells(name, lines), declarations(name, lines, header=True)
 
 

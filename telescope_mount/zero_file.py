@@ -38,7 +38,7 @@ from calibration.report.row_wording import listed
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.runs.columns.cells import Cells
-from pointing_model.runs.columns.run_table import content, read_lines
+from pointing_model.runs.columns.run_table import read_lines
 
 _COLUMNS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
             'side': 'side{}'}
@@ -46,8 +46,6 @@ _SIDES = {'below': 1.0, 'above': -1.0}
 _SHORT = ('_az', '_el')
 _LARGEST = 1e50  # largest measured value: sums of squares stay finite
 _NEEDED = 'zero_az_arcsec and zero_el_arcsec'
-_WANTED = (f'give a header row with {_NEEDED} and what may have moved them (temperature_c, '
-           'supply_v, since_h, side), and a row for each power-on')
 
 
 def read_zeros(path):
@@ -75,14 +73,7 @@ def read_zeros(path):
         The file cannot be read.
     """
     path = Path(path)
-    try:
-        lines = read_lines(path)
-    except ValueError as error:
-        raise ValueError(f'{error}: {_WANTED}' if str(error).endswith('is empty') else
-                         str(error)) from None
-    if not content(lines):
-        raise ValueError(f'{path} is empty: {_WANTED}')
-    cells = Cells(path, lines)
+    cells = Cells(path, read_lines(path))
     for name in ('zero_az_arcsec', 'zero_el_arcsec'):
         if name not in cells.header:
             raise ValueError(f'{path} has no column {name}: zeros of power-ons are in {_NEEDED}')

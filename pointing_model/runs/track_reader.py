@@ -24,7 +24,7 @@ from .columns.cell_values import CLOCK, day_unit
 from .columns.cells import Cells
 from .columns.column_names import OTHER_NAMES
 from .columns.declarations import declarations
-from .columns.run_table import content, read_lines
+from .columns.run_table import read_lines
 from .run import column_name
 
 #: columns that name the satellite of a row
@@ -83,8 +83,6 @@ def read_track(path, mount=None):
         The file cannot be read.
     """
     lines = read_lines(path)
-    if not content(lines):
-        raise ValueError(f'{path} is empty; give a CSV file with a header row')
     table, declared = Cells(path, lines), declarations(path, lines, header=True)
     header = set(table.header)
     kind = next((names for names, _ in OTHER_NAMES

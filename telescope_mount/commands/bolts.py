@@ -65,8 +65,7 @@ def add(commands):
                         default=options.Default('telescope_mount.live_bolts.WITHIN_ARCSEC'),
                         metavar='ARCSEC', help='with --live: it ends once the axis, by three '
                         'images after a turn, is as near to the pole (default: %(default)s)')
-    options.add(parser, 'encoder', 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height',
-                'pressure', 'temperature', 'equinox')
+    options.add(parser, 'encoder', *options.OF_RUNS)
     options.add_verbose(parser, 'notes')
     options.add_json(parser, 'where the axis points, and what to turn')
 

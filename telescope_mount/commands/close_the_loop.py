@@ -48,10 +48,7 @@ def add(commands):
                         default=options.Default('telescope_mount.loop.CHECK_EVERY'),
                         help='of a measured run one row in N is kept out (default: %(default)s)')
     options.add(parser, 'alpha', 'date')
-    options.add(parser, 'latitude', help='of the site; a measured run without site needs both for '
-                'effects that follow the stars')
-    options.add(parser, 'longitude', 'height', 'azimuth-origin', 'pressure', 'temperature',
-                'equinox')
+    options.add(parser, *[one for one in options.OF_RUNS if one != 'mount'])
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT)
     options.add(parser, 'domain')
     options.add_verbose(parser, 'tables and notes')

@@ -19,6 +19,7 @@ import os
 import select
 import sys
 import time
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from threading import RLock, Timer
@@ -304,6 +305,19 @@ def write_json(path, document):
         write_text(path, text)
     else:
         path.write_text(text)
+
+
+@contextmanager
+def refusal_as_json(path, document):
+    """Within, what refuses the columns of a run goes to --json, too: a function of `documents`."""
+    from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns
+    try:
+        yield
+    except MistakenColumns as error:
+        if path:
+            from calibration.report import documents
+            write_json(path, getattr(documents, document)(error))
+        raise
 
 
 def _plain(value):

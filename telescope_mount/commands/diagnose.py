@@ -26,7 +26,7 @@ from .console import (
     print_all,
     print_finding,
     print_lines,
-    write_json,
+    refusal_as_json,
     write_outputs,
 )
 
@@ -69,11 +69,7 @@ def add(commands):
                         help='judge on these as well; only the terms of --own (or IA,IE) are '
                         'refitted there, as on a new night')
     options.add_outputs(parser, save='the model with what was found')
-    options.add(parser, 'exclude', 'encoder', 'azimuth-origin')
-    options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
-                'equatorial mounts')
-    options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'mount',
-                'equinox')
+    options.add(parser, 'exclude', 'encoder', *options.OF_RUNS)
     options.add(parser, 'seed', default=0, help='of the resampling (default: 0)')
     options.add(parser, 'jobs')
     parser.add_argument('--verbose', action='store_true', help='print all details too: evidence, '
@@ -82,14 +78,8 @@ def add(commands):
 
 def run(args):
     """Load, diagnose, print, write."""
-    from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns
-    try:
+    with refusal_as_json(args.json, 'refused_document'):
         return _run(args)
-    except MistakenColumns as error:
-        if args.json:
-            from calibration.report.documents import refused_document
-            write_json(args.json, refused_document(error))
-        raise
 
 
 def _run(args):

@@ -66,12 +66,7 @@ def add(commands):
     parser.add_argument('--start', metavar='TIME',
                         help='seconds since the first row or message, or UTC in ISO 8601')
     parser.add_argument('--end', metavar='TIME', help='likewise; the end is left out')
-    options.add(parser, 'azimuth-origin')
-    options.add(parser, 'latitude', help='of the site, for runs in right ascension, for models '
-                'and runs of equatorial mounts, and for --to indi')
-    options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'equinox')
-    options.add(parser, 'mount', help='that a run, or a model of another program, is of: '
-                f'{options.MOUNT_KINDS}; equatorial ones with --latitude')
+    options.add(parser, *options.OF_RUNS)
 
 
 def run(args):

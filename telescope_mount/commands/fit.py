@@ -27,10 +27,7 @@ def add(commands):
                         help=f'a {options.RUNS}')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
                         'physical terms of the mount)')
-    options.add(parser, 'exclude', 'encoder', 'azimuth-origin', 'mount')
-    options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
-                'equatorial mounts')
-    options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'equinox')
+    options.add(parser, 'exclude', 'encoder', *options.OF_RUNS)
     parser.add_argument('--predict', action='store_true', help='add whatever predicts '
                         'left-out blocks of time (effects, steps, drift), without naming a cause')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
@@ -51,16 +48,9 @@ def add(commands):
 
 def run(args):
     """Load, fit, print, write."""
-    from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns
-    try:
+    from .console import refusal_as_json
+    with refusal_as_json(args.json, 'refused_fit'):
         _run(args)
-    except MistakenColumns as error:
-        if args.json:
-            from calibration.report.documents import refused_fit
-
-            from .console import write_json
-            write_json(args.json, refused_fit(error))
-        raise
 
 
 def _run(args):

@@ -134,7 +134,8 @@ SHARED = {
                 'stars (default: %(default)s)'},
     'date': {'default': '', 'type': utc, 'metavar': 'UTC',
              'help': 'begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)'},
-    'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site'},
+    'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site; of '
+                 'runs: for right ascensions and equatorial mounts'},
     'longitude': {'type': real(-180.0, 360.0, 'degrees'), 'metavar': 'DEG',
                   'help': 'of the site, east positive'},
     'height': {'type': real(-500.0, 10000.0, 'm'), 'metavar': 'M',
@@ -175,6 +176,9 @@ SHARED = {
 }
 
 
+#: how files of runs are read
+OF_RUNS = ('azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure', 'temperature',
+           'equinox')
 MOUNT_OF_DRIVERS = f'{MOUNT_KINDS} (default: altaz)'
 RUNNING_DOMAIN = 'ROS domain (default: ROS_DOMAIN_ID, or 0)'
 MOUNT_OF_NIGHT = f'kind of the mount: {MOUNT_KINDS}; default: that of the scenario'

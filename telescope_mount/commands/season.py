@@ -35,8 +35,7 @@ def add(commands):
                         'is known of it, such as temperature=4.5; may be given again')
     parser.add_argument('--cause', action='append', default=[], metavar='COLUMN',
                         help='a column that may move the mount though its name does not say so')
-    options.add(parser, 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure',
-                'temperature', 'equinox')
+    options.add(parser, *options.OF_RUNS)
     options.add_verbose(parser, 'causes and notes')
     options.add_outputs(parser, save='the predicted model')
 

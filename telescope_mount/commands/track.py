@@ -31,8 +31,7 @@ def add(commands):
     parser.add_argument('--first', type=options.whole(4, 100000), metavar='N',
                         help='stars that it is fitted to (default: a third, 12 at least)')
     parser.add_argument('--terms', type=options.names, help='comma-separated, of that fit')
-    options.add(parser, 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure',
-                'temperature', 'equinox')
+    options.add(parser, *options.OF_RUNS)
     options.add_verbose(parser, 'jumps and notes')
     options.add_outputs(parser, save='the model after the last star')
 

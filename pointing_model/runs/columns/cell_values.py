@@ -225,6 +225,12 @@ def is_number(text):
     return True
 
 
+def sexagesimal(parts):
+    """Degrees (or hours) of degrees, minutes and seconds as words, the sign before the first."""
+    size = sum(abs(float(part)) / 60.0**k for k, part in enumerate(parts))
+    return -size if parts[0].strip().startswith('-') else size
+
+
 def commented_rows(lines, is_row):
     """Numbers of the commented-out lines (``#``) that are rows: `is_row` is True of their words."""
     return [number for number, line in enumerate(lines, 1) if line.lstrip().startswith('#')

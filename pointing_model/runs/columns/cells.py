@@ -25,7 +25,7 @@ import re
 import numpy as np
 
 from .cell_values import TextRows, is_number
-from .run_table import content
+from .run_table import EMPTY, content
 
 _BLOCK = 5000  # lines split at once
 MOST_COLUMNS = 1000  # no program writes so many; ten thousand take minutes
@@ -62,6 +62,8 @@ class Cells(TextRows):
             A column occurs twice, most rows have another length, or there are too many columns.
         """
         body = content(lines)
+        if not body:
+            raise ValueError(EMPTY.format(path))
         self.delimiter = delimiter or delimiter_of(body[0][1])
         if self.delimiter == ' ':
             body = [(number, line.expandtabs()) for number, line in body]

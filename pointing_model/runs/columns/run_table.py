@@ -49,6 +49,10 @@ _BINARY = {b'\x89MCAP': 'an MCAP log', b'PAR1': 'a Parquet file', b'SIMPLE  =': 
            b'\xd0\xcf\x11\xe0': 'a workbook of a spreadsheet'}
 
 
+#: what to say of a file without a table
+EMPTY = '{} is empty: give a header row, and a row for each observation'
+
+
 class NoObservations(ValueError):
     """A valid file without rows."""
 
@@ -145,7 +149,7 @@ def lines_of(path, data):
         if data.startswith(begin):
             raise ValueError(f'{path} is {what}: save its table as CSV and give that')
     if not data.strip():
-        raise ValueError(f'{path} is empty')
+        raise ValueError(EMPTY.format(path))
     if data.startswith((b'\xff\xfe', b'\xfe\xff')):  # what some spreadsheets call Unicode text
         try:
             data = data.decode('utf-16').encode()

@@ -24,7 +24,7 @@ from pointing_model.mounts import ALTAZ, Mount, sides
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
 from pointing_model.runs.run import REQUIRED
 
-from ..columns.cell_values import WordRows, is_number, usual_width
+from ..columns.cell_values import WordRows, is_number, sexagesimal, usual_width
 from ..columns.pier_side import read_beyond
 from ..columns.row_checks import PAIRS
 from ..columns.run_table import RunTable
@@ -184,13 +184,10 @@ def _sexagesimal(rows, name, cells):
         if not all(map(is_number, parts)):
             bad[i] = 'is no angle'
             continue
-        values = [abs(float(part)) for part in parts]
-        if any(not v < 60.0 for v in values[1:]):
+        if any(not abs(float(part)) < 60.0 for part in parts[1:]):
             bad[i] = 'has minutes or seconds beyond 60'
             continue
-        out[i] = sum(v / 60.0**k for k, v in enumerate(values))
-        if parts[0].startswith('-'):
-            out[i] = -out[i]
+        out[i] = sexagesimal(parts)
     rows.refuse(name, [' '.join(parts).strip() for parts in cells], bad)
     return out
 

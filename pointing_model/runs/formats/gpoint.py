@@ -18,12 +18,11 @@ import re
 
 import numpy as np
 
-from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
 
 from ..columns.cell_values import YEAR_1900, YEAR_2100, WordRows, commented_rows, is_number
-from ..columns.declarations import declarations
+from ..columns.declarations import declarations, declare
 from ..columns.run_table import NoObservations, RunFormat, RunTable, content
 
 _SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
@@ -83,14 +82,9 @@ def read(path, lines):
     if kind == 'altaz-manual':
         raise ValueError(f'{path}, row {heads[0][0]}: altaz-manual is not read: the sign of '
                          'its offsets is documented nowhere; give a CSV file')
-    longitude, latitude, height = map(float, place)
-    if not (abs(latitude) <= 90.0 and -180.0 <= longitude <= 360.0
-            and -500.0 <= height <= 10000.0):
-        raise ValueError(f'{path}, row {heads[0][0]}: longitude, latitude (degrees), height (m) '
-                         f'{" ".join(place)[:60]!r} are out of range')
-    declared = declarations(path, lines)
-    meta = {'format': 'gpoint', **declared, 'site': {
-        'latitude': latitude * DEG, 'longitude': longitude * DEG, 'height': height}}
+    meta = {'format': 'gpoint', **declarations(path, lines)}
+    for name, value in zip(('longitude_deg', 'latitude_deg', 'height_m'), place):
+        declare(meta, name, value, f'{path}, row {heads[0][0]}')
     altaz = kind == 'altaz'
     names = _NAMES_ALTAZ if altaz else _NAMES
     body = content(lines)

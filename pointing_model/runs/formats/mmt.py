@@ -16,7 +16,7 @@
 
 import numpy as np
 
-from ..columns.cell_values import is_number
+from ..columns.cell_values import is_number, sexagesimal
 from ..columns.run_table import RunFormat, RunTable
 
 _SIDEREAL_HOUR = 3600.0 / 1.00273790935  # s of UT
@@ -100,7 +100,7 @@ def _hours(clock):
     parts = clock.split(':')
     if len(parts) != 3 or not all(map(is_number, parts)):
         return np.nan
-    hours = sum(float(part) / 60.0**i for i, part in enumerate(parts))
+    hours = sexagesimal(parts)
     return hours if 0.0 <= hours < 24.0 else np.nan
 
 

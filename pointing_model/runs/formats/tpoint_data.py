@@ -22,7 +22,7 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.runs.run import REQUIRED
 
-from ..columns.cell_values import WordRows, is_number, usual_width
+from ..columns.cell_values import WordRows, is_number, sexagesimal, usual_width
 from ..columns.run_table import NoObservations, RunFormat, RunTable, content
 from .equatorial import PLACES, read_exported, read_short
 
@@ -92,12 +92,11 @@ def read(path, lines):
     begin, parameters = body[i]
     body = body[i + 1:]
     _run_parameters(path, begin, parameters, meta)
+    if short:
+        body = [(number, line) for number, line in body if not line.startswith('#')]
     if not body:
         raise NoObservations(f'{path} has a header but no observations')
     if short:
-        body = [(number, line) for number, line in body if not line.startswith('#')]
-        if not body:
-            raise NoObservations(f'{path} has a header but no observations')
         return read_short(path, body, meta)
     if exported or len(body[0][1].lstrip('# ').split()) >= PLACES:
         return read_exported(path, body, meta, words, altaz=not exported)
@@ -105,8 +104,6 @@ def read(path, lines):
     width = usual_width(body)
     body = [(number, line) for number, line in body
             if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
-    if not body:
-        raise NoObservations(f'{path} has a header but no observations')
     rows = WordRows(path, body)
     if not 4 <= width <= 8:
         raise ValueError(f'{path}, row {rows.lines[0]}: {width} numbers; only format 4 (observed '
@@ -177,17 +174,13 @@ def _run_parameters(path, number, line, meta):
     values = [float(word) for word in words]
     if not np.all(np.isfinite(values)):
         raise ValueError(f'{where}: {line[:60]!r} has a run parameter that is not finite')
-    latitude = abs(values[0])
-    if len(values) >= 2:
-        minutes, seconds = (*values[1:3], 0.0)[:2]
-        if not (0.0 <= minutes < 60.0 and 0.0 <= seconds < 60.0):
-            raise ValueError(f'{where}: {line[:60]!r} begins with a latitude whose minutes or '
-                             'seconds are outside 0 to 60')
-        latitude += minutes / 60.0 + seconds / 3600.0
-    if latitude > 90.0:
+    if not all(0.0 <= v < 60.0 for v in values[1:3]):
+        raise ValueError(f'{where}: {line[:60]!r} begins with a latitude whose minutes or '
+                         'seconds are outside 0 to 60')
+    latitude = sexagesimal(words[:3])
+    if abs(latitude) > 90.0:
         raise ValueError(f'{where}: latitude {line[:60]!r} is beyond 90 degrees')
-    sign = -1.0 if words[0].startswith('-') else 1.0
-    meta['site'] = {'latitude': float(sign * latitude * DEG)}
+    meta['site'] = {'latitude': latitude * DEG}
     if len(values) >= 6:
         meta['date'] = '{:04.0f}-{:02.0f}-{:02.0f}'.format(*values[3:6])
         try:

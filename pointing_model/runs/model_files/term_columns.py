@@ -96,24 +96,19 @@ def summed(values, az, el, mount=ALTAZ):
 
 # ---------------------------------------------------------------------------- a model in columns
 
-def _pair(result, angle, k):
-    return [[(column(result, ('cos', angle, k)), 1.0)], [(column(result, ('sin', angle, k)), 1.0)]]
+#: effects that are a cosine and a sine of an order: what they move, and of which angle
+_WAVES = {'bearing_wobble': (('el', 'A'), ('np', 'A')), 'nod': (('el', 'A'),),
+          'line_of_sight': (('lr', 'A'),), 'elevation_axis_wobble': (('np', 'E'),)}
+_ENCODERS = {'az': (('az', 'A'),), 'el': (('el', 'E'),)}
 
 
 def _effect_columns(effect):
     """List of (column, factor) for each coefficient; None if the effect is no sum of columns."""
     p = effect.parameters
-    order = p.get('order')
-    if effect.form == 'encoder' and p['axis'] in ('az', 'el'):
-        return _pair(p['axis'], 'A' if p['axis'] == 'az' else 'E', int(order))
-    if effect.form == 'bearing_wobble':
-        return _pair('el', 'A', int(order)) + _pair('np', 'A', int(order))
-    if effect.form == 'nod':
-        return _pair('el', 'A', int(order))
-    if effect.form == 'line_of_sight':
-        return _pair('lr', 'A', int(order))
-    if effect.form == 'elevation_axis_wobble':
-        return _pair('np', 'E', int(order))
+    waves = _ENCODERS.get(p['axis']) if effect.form == 'encoder' else _WAVES.get(effect.form)
+    if waves:
+        return [[(column(result, (f, angle, int(p['order']))), 1.0)]
+                for result, angle in waves for f in ('cos', 'sin')]
     if effect.form == 'fork_cross_term':
         return [[(column('el', ('sin', 'E', 1), (f, 'A', 1)), 1.0)] for f in ('cos', 'sin')]
     if effect.form in ('term', 'terms') and effect.coefficient_names[0] in TERM_KEYS:

@@ -23,7 +23,8 @@ from pointing_model.mount_kinds import KINDS, MountKind
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import COLUMNS, column_name
 
-from .frames import Frame, parse_frame
+from ..columns.declarations import declare
+from .frames import Frame
 
 #: moments of an exposure, as fractions of it
 MOMENTS = {'start': 0.0, 'middle': 0.5, 'end': 1.0}
@@ -170,9 +171,13 @@ def load_mapping(path):
     if not patterns or not all(isinstance(p, str) and p and not Path(p).is_absolute()
                                for p in patterns):
         raise ValueError(f'{path}, images: not a pattern of file names beside it')
+    frames = {}
+    for key in ('frame', 'readings'):
+        if document.get(key) is not None:
+            declare(frames, key, document[key], path)
     return Mapping(path, patterns, columns, _site(path, document.get('site')),
                    _shift(path, document, columns), names, _mount(path, document.get('mount')),
-                   _frame(path, document.get('frame')), _frame(path, document.get('readings')),
+                   frames.get('sky_frame'), frames.get('readings_frame'),
                    _boresight(path, document.get('boresight')))
 
 
@@ -242,15 +247,6 @@ def _mount(path, given):
         raise ValueError(f'{path}: mount {str(given)[:40]!r} is none: altaz, equatorial, german or '
                          'free:AZ,EL (keywords: telescope is for a name)')
     return given
-
-
-def _frame(path, given):
-    if given is None:
-        return None
-    try:
-        return parse_frame(given)
-    except ValueError as error:
-        raise ValueError(f'{path}: {error}') from None
 
 
 def _boresight(path, given):

@@ -36,6 +36,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, ON_SKY, sides
 
+from ..columns.cell_values import sexagesimal
 from ..model_files.program import ModelFile, Program, for_celestial
 from ..model_files.term_columns import TERM_KEYS, on_sky
 from . import spk
@@ -110,11 +111,10 @@ def _file(sheet, ra, dec, vectors):
 
 def _degrees(text):
     """A decimal number, or degrees (hours), minutes and seconds, as read by f_scansexa."""
-    parts = [float(p) for p in re.findall(r'\d+\.?\d*(?:[eE][-+]?\d+)?', text)]
+    parts = re.findall(r'\d+\.?\d*(?:[eE][-+]?\d+)?', text)
     if not 1 <= len(parts) <= 3:
         return np.nan
-    size = sum(p / 60.0**i for i, p in enumerate(parts))
-    return -size if text.strip().startswith('-') else size
+    return sexagesimal(parts) * (-1.0 if text.strip().startswith('-') else 1.0)
 
 
 def _points(path, text):

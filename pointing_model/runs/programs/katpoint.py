@@ -26,6 +26,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 
+from ..columns.cell_values import sexagesimal
 from ..model_files.program import ModelFile, Program, number_of
 from ..model_files.term_columns import column, summed
 
@@ -147,9 +148,9 @@ def _angle(path, line, name, word):
     parts = word.split(':')
     if len(parts) > 3:
         number_of(path, line, name, word)
-    values = [number_of(path, line, name, part) for part in parts]
-    size = sum(abs(v) / 60.0**i for i, v in enumerate(values))
-    return (-size if word.strip().startswith('-') else size) * DEG
+    for part in parts:
+        number_of(path, line, name, part)
+    return sexagesimal(parts) * DEG
 
 
 PROGRAM = Program(

@@ -100,7 +100,7 @@ def test_images_that_were_not_solved_are_listed(german, read):
 
 @pytest.mark.parametrize('change, words', [
     (('observatory', 'altaz-manual'), ['row 2', 'altaz-manual is not read']),
-    (('-35.5 1430', '-135.5 1430'), ['row 2', 'out of range']),
+    (('-35.5 1430', '-135.5 1430'), ['row 2', 'latitude_deg -135.5 is outside']),
     (('# observatory', '# gem 1 2 3\n# observatory'), ['row 3', 'another mount or site']),
     (('# observatory', '# frame: galactic\n# observatory'), ["'galactic' is unknown"]),
 ])
