@@ -29,7 +29,6 @@ _DRIVERS = {csv_name: (name, unit) for name, (csv_name, unit, _) in COLUMNS.item
 #: names of zeros, as alternatives to a run number
 NEWEST, NO_ZEROS = 'newest', 'none'
 _ROUNDS, _SETTLED = 100, 1e-7 * ARCSEC
-_SAME_LATITUDE = 0.01  # deg
 
 
 def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=None,
@@ -132,11 +131,11 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
 
     from .runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
     from .sky.places import observed_directions
-    from .sky.site import Site
+    from .sky.site import SITE, Site
     mount = getattr(mount, 'mount', mount)
     if mount.celestial:
         own = mount.latitude / DEG
-        if latitude_deg is not None and abs(latitude_deg - own) > _SAME_LATITUDE:
+        if latitude_deg is not None and abs(latitude_deg - own) > SITE['latitude_deg'].same:
             raise ValueError(f'latitude {latitude_deg:g} is not that of the mount ({own:.4f})')
         latitude_deg = own
     if latitude_deg is None:

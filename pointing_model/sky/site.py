@@ -35,6 +35,8 @@ class Quantity(NamedTuple):
         Size of the unit, in that of the field.
     low, high : float
         Allowed range, in the unit.
+    same : float
+        Largest difference between two values of one site, in the unit.
     """
 
     field: str
@@ -42,6 +44,7 @@ class Quantity(NamedTuple):
     size: float
     low: float
     high: float
+    same: float = 0.0
 
     def check(self, holder):
         """Raise a ValueError that names the first value out of range."""
@@ -53,13 +56,9 @@ class Quantity(NamedTuple):
 
 
 #: quantities by their names in files and nodes
-SITE = {'latitude_deg': Quantity('latitude', 'degrees', DEG, -90.0, 90.0),
-        'longitude_deg': Quantity('longitude', 'degrees', DEG, -180.0, 360.0),
-        'height_m': Quantity('height', 'm', 1.0, -500.0, 10000.0)}
-
-
-#: by which numbers of one site may differ, degrees and metres
-_SAME_ANGLE, _SAME_HEIGHT = 0.01, 100.0
+SITE = {'latitude_deg': Quantity('latitude', 'degrees', DEG, -90.0, 90.0, 0.01),
+        'longitude_deg': Quantity('longitude', 'degrees', DEG, -180.0, 360.0, 0.01),
+        'height_m': Quantity('height', 'm', 1.0, -500.0, 10000.0, 30.0)}
 
 
 def site_contradictions(given, declared):
@@ -79,12 +78,10 @@ def site_contradictions(given, declared):
         mine, theirs = (of.get(one.field) for of in (given, declared))
         if mine is None or theirs is None:
             continue
-        angle = one.size == DEG
-        away = wrap(mine - theirs) / DEG if angle else mine - theirs
-        if abs(away) > (_SAME_ANGLE if angle else _SAME_HEIGHT):
-            unit = 'deg' if angle else one.unit
-            notes.append(f'the file says {one.field} {theirs / one.size:.7g} {unit}, it was read '
-                         f'with {mine / one.size:.7g} {unit}')
+        away = wrap(mine - theirs) if one.size == DEG else mine - theirs
+        if abs(away) > one.same * one.size:
+            notes.append(f'the file says {one.field} {theirs / one.size:.7g} {one.unit}, it was '
+                         f'read with {mine / one.size:.7g}')
     return notes
 
 

@@ -27,8 +27,6 @@ from pointing_model.mount_kinds import kinds_text
 
 from ..night_files import log_of, model_of
 
-#: largest difference between latitudes of the same mount, deg
-_SAME_LATITUDE = 0.01
 #: types for ``add_argument``: a log or run, and a model; a night's folder can stand for either
 log_path, model_path = log_of, model_of
 #: kinds of mounts, for all commands
@@ -233,9 +231,10 @@ def check_mount(args, path, mount):
     from math import degrees
 
     from pointing_model.mounts import parse_mount
+    from pointing_model.sky.site import SITE
     other = args.mount and parse_mount(args.mount, mount.latitude).kind != mount.kind
     if other or mount.celestial and args.latitude is not None and abs(
-            args.latitude - degrees(mount.latitude)) > _SAME_LATITUDE:
+            args.latitude - degrees(mount.latitude)) > SITE['latitude_deg'].same:
         latitude = f', latitude {degrees(mount.latitude):.4f} deg' if mount.celestial else ''
         raise ValueError(f'{path} is of a mount that is {mount.kind}{latitude}: leave --mount '
                          'and --latitude (in a table its comments) out, or fit its run anew')

@@ -340,7 +340,7 @@ def test_comments_above_a_table_of_directions_declare(ended, model, tmp_path):
         f'{declared}# frame: of date\n# pressure_hpa: 700\n')[0]
     other, err = place(f'{declared}# frame: of date\n', '--equinox', 'j2000', '--longitude', '110')
     assert 'the table says that its places are of date, they were read as ICRS' in err
-    assert 'the file says longitude 109 deg, it was read with 110 deg' in err
+    assert 'the file says longitude 109 degrees, it was read with 110' in err
     assert abs(other[0] - wanted[0]) > 0.01
 
 

@@ -147,8 +147,10 @@ class Reading:
         if held:
             turned = is_beyond(el) != is_beyond(el_enc)
             first, second = through_pole(az, el, turned)
-            x, y, scale = self._given_offsets(wrap(az_enc - first) * np.cos(second),
-                                              wrap(el_enc - second), np.abs(np.cos(el)))
+            cosine = np.abs(np.cos(el))
+            _, work, power = _GIVEN.get(self.given, ('', lambda x, y, _: (x, y), 0))
+            x, y = work(wrap(az_enc - first) * np.cos(second), wrap(el_enc - second), cosine)
+            scale = cosine**power
         if self.exchanged:
             az, el, az_enc, el_enc = az_enc, el_enc, az, el
         az, el, _ = _set_right(az, el, self.catalogue)
@@ -168,12 +170,6 @@ class Reading:
             if 'sideless' in self.encoders:
                 az_enc, el_enc = through_pole(az_enc, el_enc, np.sin(az) < 0.0)
         return Places(az, el, az_enc, el_enc, scale * np.abs(reach) * np.ones(len(az)))
-
-    def _given_offsets(self, x, y, cosine):
-        if not self.given:
-            return x, y, 1.0
-        _, work, power = _GIVEN[self.given]
-        return *work(x, y, cosine), cosine**power
 
     def _from_ascension(self, az, az_enc, el_enc, lst, sidereal):
         """Hour angles of both pairs; an unknown clock zero is taken from the difference of both."""

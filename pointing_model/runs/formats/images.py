@@ -28,11 +28,11 @@ from pointing_model.runs.plate_solves.fits_images import (
 )
 from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.run import COLUMNS, column_name
+from pointing_model.sky.site import SITE
 
 from ..columns.declarations import declare
 from ..columns.run_table import RunTable, numbered_runs, own_name
 
-_SAME_SITE = 0.01  # deg: largest difference of one site between two images
 _TEXT = ('star', 'block', 'run', 'pier_side')
 
 
@@ -146,8 +146,7 @@ def common_site(path, mapping, headers):
             continue
         if first is None:
             first, where = site, file
-        elif any(abs(site[name] - first[name]) > (30.0 if name == 'height_m' else _SAME_SITE)
-                 for name in site):
+        elif any(abs(site[name] - first[name]) > SITE[name].same for name in site):
             raise ValueError(f'{path}: {file.name} is of another site than {where.name}: a run is '
                              'of one mount')
     if mapping.site and headers and first is None:

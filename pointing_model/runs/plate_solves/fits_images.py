@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..columns.cell_values import YEAR_1900, YEAR_2100, TextRows, sexagesimal
 from .frames import Frame, parse_frame
 from .mapping import WCS, NotThere, readings, refuse_twice, without
 
@@ -221,14 +222,7 @@ def row_of(header, mapping):
     NotThere
         A value is not a number or time, or the time is not UTC.
     """
-    row, missing = {}, []
-    for name, keyword in mapping.columns.items():
-        lacking = [k for k in keyword.names if header.get(k) is None or header[k] == '']
-        if lacking:
-            missing += lacking
-            continue
-        refuse_twice(header, keyword.names)
-        row[name] = _value(header, name, keyword)
+    row, missing = _values(header, mapping.columns)
     if mapping.shift and 'time' in row and 'exposure_s' in row:
         row['time'] += mapping.shift * row['exposure_s']
     return row, missing
@@ -242,13 +236,22 @@ def site_of(header, mapping):
     NotThere
         A keyword is missing or not a number.
     """
-    out = {}
-    for name, keyword in mapping.site.items():
-        if any(header.get(k) is None for k in keyword.names):
-            raise NotThere(f'no keyword {", ".join(keyword.names)} for the {name} of the site')
-        refuse_twice(header, keyword.names)
-        out[name] = _value(header, name, keyword)
-    return out
+    site, missing = _values(header, mapping.site)
+    if missing:
+        raise NotThere(f'no keyword {", ".join(missing)} for the site')
+    return site
+
+
+def _values(header, keywords):
+    """Values of columns by their keywords, and the keywords that are not there."""
+    row, missing = {}, []
+    for name, keyword in keywords.items():
+        lacking = [k for k in keyword.names if header.get(k) is None or header[k] == '']
+        missing += lacking
+        if not lacking:
+            refuse_twice(header, keyword.names)
+            row[name] = _value(header, name, keyword)
+    return row, missing
 
 
 def _value(header, name, keyword):
@@ -273,12 +276,10 @@ def _number(name, value):
     found = _SEXAGESIMAL.fullmatch(str(value).strip())
     if not found:
         raise NotThere(f'{name} is {str(value)[:30]!r}, not a number')
-    degrees = float(found[2]) + float(found[3]) / 60.0 + float(found[4]) / 3600.0
-    return -degrees if found[1] == '-' else degrees
+    return sexagesimal([found[1] + found[2], found[3], found[4]])
 
 
 def _time(header, names, values):
-    from pointing_model.runs.columns.cell_values import YEAR_1900, YEAR_2100, TextRows
     system = str(header.get('TIMESYS', 'UTC')).strip().upper()
     if system not in ('', 'UTC', 'UT'):
         raise NotThere(f'TIMESYS is {system[:20]}, not UTC')

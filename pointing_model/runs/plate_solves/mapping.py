@@ -22,13 +22,13 @@ from pathlib import Path
 from pointing_model.mount_kinds import KINDS, MountKind
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import COLUMNS, column_name
+from pointing_model.sky.site import SITE
 
 from ..columns.declarations import declare
 from .frames import Frame
 
 #: moments of an exposure, as fractions of it
 MOMENTS = {'start': 0.0, 'middle': 0.5, 'end': 1.0}
-SITE = ('latitude_deg', 'longitude_deg', 'height_m')
 _KEYS = ('images', 'keywords', 'mount', 'site', 'time_is', 'encoders_at', 'frame', 'readings',
          'boresight')
 #: further columns that `keywords` may give
