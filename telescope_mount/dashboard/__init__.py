@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What `telescope-mount watch` shows: the state of a graph or of a log, and how it is drawn."""
+"""Dashboard of `telescope-mount watch`: the state of a graph or a log, and its display."""

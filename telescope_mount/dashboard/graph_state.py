@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The state of a graph, of the messages that were received last: live ones or those of a log.
+"""The state of a graph from the messages received last, live or from a log.
 
-Needs no ROS: the messages of a log have the same fields.
+Needs no ROS: messages from a log have the same fields.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -34,24 +34,24 @@ from pointing_model.runs.run_messages import cloud_to_run
 
 from .reported_problems import alarms
 
-#: of which the last message is kept
+#: topics of which the last message is kept
 LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE,
         topics.MISS_DISTANCE, topics.AMBIENT, topics.OBSERVATIONS, topics.OBSERVER_STATUS,
         topics.ZERO, topics.ZERO_IDENTITY, topics.INCREMENTAL_POWER_ON, topics.ACTIVE,
         topics.CALIBRATION_STATUS, topics.CALIBRATION_REPORT)
-#: all that is listened to
+#: all subscribed topics
 SUBSCRIBED = (*LAST, topics.CLOCK, topics.OBSERVATION, topics.DIAGNOSTICS)
-#: s by which readings of the two encoders may differ, and be compared by their rates
+#: largest time between readings of the two encoders that are compared, using their rates, s
 LARGEST_DELAY = 0.5
-#: s without a report after which a node is called silent; each reports once a second
+#: s without a report until a node counts as silent; nodes report once a second
 SILENT = 5.0
-#: stars that are drawn at most
+#: most stars drawn
 STARS = 500
 
 
-#: columns of the last stars: UTC, s since 1970; power-on of the incremental encoder, 0 where the
-#: row does not say; place on the sky, azimuth from north through east; encoder - catalogue on the
-#: sky, as read, and what active zero and model leave of it, NaN for stars of another power-on;
+#: columns of the last stars: UTC, s since 1970; power-on of the incremental encoder, 0 if the row
+#: has none; place on the sky, azimuth from north through east; encoder - catalogue on the sky, as
+#: read, and residual from the active zero and model, NaN for stars of another power-on;
 #: incremental - absolute encoder
 STAR_COLUMNS = ('time_s', 'power_on', 'az_deg', 'el_deg', 'offset_x_arcsec', 'offset_y_arcsec',
                 'left_x_arcsec', 'left_y_arcsec', 'encoders_first_arcsec',
@@ -60,26 +60,26 @@ STAR_COLUMNS = ('time_s', 'power_on', 'az_deg', 'el_deg', 'offset_x_arcsec', 'of
 
 @dataclass
 class WatchState:
-    """What is known of a graph; None is not known. Pairs are of the first and the second axis.
+    """State of a graph; None if unknown. Pairs are for the first and the second axis.
 
     Attributes
     ----------
     source : str
         The graph, or the log.
     time_utc : str or None
-        Of the newest message, ISO 8601.
+        Time of the newest message, ISO 8601.
     joints : tuple of str
     reading_deg, rate_deg_s, wanted_deg : list of float or None
-        Of the incremental encoder; what is requested at the time of the reading.
+        Readings and rates of the incremental encoder; requested angles at the time of the reading.
     looks_at_deg, sent_to_deg : list of float or None
-        Azimuth and elevation on the sky, by the readings.
+        Azimuth and elevation on the sky of the readings and the requested angles.
     power_on : int or None
-        Of the incremental encoder.
+        Power-on of the incremental encoder.
     zero_arcsec, zero_sigma_arcsec : list of float or None
     zero_power_on : int or None
-        For which it holds.
+        Power-on for which the zero is valid.
     zero_by : str or None
-        Way by which it was got.
+        How the zero was determined.
     encoders_arcsec : list of float or None
         Incremental - absolute encoder.
     miss_arcsec : list of float or None
@@ -88,15 +88,15 @@ class WatchState:
     plan : dict
         The rows of `Progress`; empty without an observer.
     messages : dict of str to str
-        What ``observer``, ``guard`` and ``calibration`` say.
+        Messages of ``observer``, ``guard`` and ``calibration``.
     guard : str or None
-        Its state.
+        State of the guard.
     left_by : str
-        ``zero and model``, ``zero``, or '' where nothing is active.
+        What residuals are relative to: ``zero and model``, ``zero``, or '' if nothing is active.
     stars : dict of str to list of float
-        The last stars by `STAR_COLUMNS`, the newest at the end.
+        Last stars by `STAR_COLUMNS`, the newest last.
     nodes : dict of str to dict
-        By name ``level`` (ok, warning, error, silent) and ``said``.
+        By name, ``level`` (ok, warning, error, silent) and ``said``.
     alarms : list of dict
         ``level`` and ``said``, the worst first.
     """
@@ -131,40 +131,40 @@ class WatchState:
 
 
 class LastMessages:
-    """Takes messages and gives the state.
+    """Collects messages and returns the state.
 
     Parameters
     ----------
     source : str
-        Named in the state.
+        Name of the source in the state.
     namespace : str
-        Of the graph; what nodes of another one report is left alone.
+        Namespace of the graph; reports of other nodes are ignored.
     """
 
     def __init__(self, source, namespace=NAMESPACE):
         self._source, self._within = source, f'{namespace.rstrip("/")}/'
         self.last = {}
         self._newest = self._clock = 0
-        self._nodes = {}  # name -> status, when it came (s) or None
+        self._nodes = {}  # name -> status, time of reception (s) or None
         self._rows, self._bad = [], {}
 
     @property
     def any(self):
-        """Whether anything of the graph was received; what is in no namespace does not count."""
+        """Whether any message of the graph was received; those without a namespace do not count."""
         return bool(self.last or self._nodes)
 
     def take(self, name, message, ns=0, arrived=None):
-        """Keep a message.
+        """Process a message.
 
         Parameters
         ----------
         name : str
-            Of its topic, as in `msg_tools.topics`.
+            Name of its topic, as in `msg_tools.topics`.
         message : object
         ns : int
-            Its time in a log; else that of its stamp is taken.
+            Its time in a log; by default that of its stamp.
         arrived : float, optional
-            Monotonic time, s; None in a log: then no node is called silent.
+            Monotonic time of reception, s; None in a log: then no node counts as silent.
         """
         if name == topics.CLOCK.name:
             self._clock = convert.from_stamp(message.clock)
@@ -192,7 +192,7 @@ class LastMessages:
         if not len(run):
             return
         if name == topics.OBSERVATIONS.name:
-            self._rows = [run]  # all of the night
+            self._rows = [run]  # all rows of the night
         elif not self._rows or run['time'][0] > self._rows[-1]['time'][-1]:
             if self._rows and not self._rows[-1].mount.agrees(run.mount):
                 self._rows = []
@@ -206,7 +206,7 @@ class LastMessages:
         Parameters
         ----------
         now : float, optional
-            Monotonic time, s, for nodes that are silent.
+            Monotonic time, s, to find silent nodes.
 
         Returns
         -------
@@ -268,7 +268,7 @@ class LastMessages:
         state.left_by = 'zero and model' if model is not None else 'zero'
 
     def _active(self):
-        """The zero and the model that go together; None where there is none."""
+        """The active zero and model, which belong together; None if there is none."""
         pair, zero = self._get(topics.ACTIVE), self._get(topics.ZERO)
         if pair is not None:
             text, _, zero = text_to_pair(pair.data)
@@ -279,7 +279,7 @@ class LastMessages:
         return (None, None) if zero is None or found is None else (found[1], None)
 
     def _encoders(self, state):
-        """Their difference, where both were read at about one time."""
+        """Difference of the encoders, if both were read at about the same time."""
         messages = self._get(topics.INCREMENTAL), self._get(topics.ABSOLUTE)
         if None in messages:
             return
@@ -342,7 +342,7 @@ class LastMessages:
 
 
 def full_name(namespace, topic):
-    """Of a topic in a namespace."""
+    """Full name of a topic in a namespace."""
     return topic.name if topic.name.startswith('/') else f'{namespace.rstrip("/")}/{topic.name}'
 
 

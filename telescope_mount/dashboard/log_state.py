@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The state that a log gives, at its end or at a time."""
+"""State from a log, at its end or at a given time."""
 
 from collections import deque
 
@@ -22,13 +22,13 @@ from .graph_state import STARS, SUBSCRIBED, LastMessages, full_name
 
 
 def log_messages(bag, namespace, end=None):
-    """What a log says at a time.
+    """Last messages of a log at a time.
 
     Parameters
     ----------
     bag : BagReader or another that `open_bag` gives
     namespace : str
-        Of the graph.
+        Namespace of the graph.
     end : int, optional
         ns since 1970; by default the end of the log.
 
@@ -39,7 +39,7 @@ def log_messages(bag, namespace, end=None):
     Raises
     ------
     ValueError
-        It holds no topic of such a graph.
+        It has no topics of such a graph.
     """
     before = 2**63 - 1 if end is None else end + 1
     types = {full_name(namespace, topic): topic.type for topic in SUBSCRIBED}
@@ -50,14 +50,14 @@ def log_messages(bag, namespace, end=None):
         raise ValueError(f'{bag.path} has no message of a graph in {namespace}: '
                          'name another with --namespace; `telescope-mount info` lists its topics')
     last = LastMessages(str(bag.path), namespace)
-    # a log has its own time
+    # a log has its own time stamps
     wanted = [name for name in names if name in there and names[name] != topics.CLOCK.name]
     messages = bag.last_before(wanted, before)
     newest = {message.topic: message.log_time for message in messages}
-    # rows that were published together are not looked for one by one
+    # rows up to the last complete table are contained in it
     table = newest.get(full_name(namespace, topics.OBSERVATIONS), bag.start_time)
     for topic, first in ((topics.OBSERVATION, table), (topics.DIAGNOSTICS, bag.start_time)):
-        name = full_name(namespace, topic)  # of these the last one is not enough
+        name = full_name(namespace, topic)  # for these the last one is not enough
         if name in newest:
             messages = [message for message in messages if message.topic != name]
             messages += _last(bag, name, first, newest[name])
@@ -70,9 +70,9 @@ def log_messages(bag, namespace, end=None):
 
 
 def _last(bag, name, first, newest):
-    """The last `STARS` messages of a topic between two times, none decoded.
+    """The last `STARS` messages of a topic between two times, not decoded.
 
-    Far back only where they are few.
+    Searches further back only if they are few.
     """
     span = 60 * 10**9
     while True:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the watch warns of: nodes, their statuses, the zero, the encoders."""
+"""Warnings of the dashboard: nodes, their statuses, the zero, the encoders."""
 
 import json
 
@@ -23,29 +23,29 @@ from msg_tools import topics
 
 
 def alarms(state, bad, reports, last, now, patience):
-    """What is wrong, and how the nodes are.
+    """Alarms, and the states of the nodes.
 
     Parameters
     ----------
     state : WatchState
-        All else of it.
+        Rest of the state.
     bad : dict of str to str
-        What of the messages could not be used, and why.
+        Messages that could not be used, and why.
     reports : dict of str to (DiagnosticStatus, float)
-        Of each node the last, and when it came (monotonic s, None in a log).
+        Last report of each node, and time of reception (monotonic s, None in a log).
     last : callable
-        Gives the last message of a topic, or None.
+        Returns the last message of a topic, or None.
     now : float or None
-        Monotonic time, s, for nodes that are silent.
+        Monotonic time, s, to find silent nodes.
     patience : float
-        For how long without a report a node is not called so, s.
+        Time without a report until a node counts as silent, s.
 
     Returns
     -------
     nodes : dict of str to dict
         ``level`` and ``said`` of each.
     alarms : list of dict
-        The same, the worst first.
+        Likewise, worst first.
     """
     found = [(1, f'{name}: a message that cannot be used: {error}') for name, error in bad.items()]
     silent = {} if now is None else {

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The state of a graph in a terminal: numbers, a chart of the sky, the last stars.
+"""Display of a graph's state in a terminal: numbers, a sky chart, the last stars.
 
-At any width no number is cut: what has no room goes on in the next line.
+Numbers are never cut, whatever the width: what does not fit continues on the next line.
 """
 
 import math
@@ -26,25 +26,25 @@ from rich.text import Text
 
 from msg_tools.terminal_signs import spelled
 
-#: columns from which the sky is beside the numbers; of the sky; lines of it
+#: least columns for the sky beside the numbers; columns of the sky; its lines
 BESIDE, SKY_WIDE, SKY_HIGH = 76, 31, 15
-#: columns of a name before numbers, and of a number
+#: columns for a name, and for a number
 _NAME, _NUMBER = 12, 13
-#: stars in a row of bars; alarms that are reported, and lines of each, where the window is full
+#: most stars in a row of bars; most alarms, and lines of each, in a full window
 BARS, ALARMS, ALARM_LINES = 30, 5, 3
 _BARS, _PLAIN_BARS = '▁▂▃▄▅▆▇█', '_.-:=+*#'
 _BAD = 'bold red'
 
 
 class _Screen(NamedTuple):
-    """What a terminal has: columns, and the encoding of its signs."""
+    """Size of a terminal in columns, and its encoding."""
 
     width: int
     encoding: str
 
     def lines(self, text, style='', indent='  '):
-        """A text in lines of this width, each with its style."""
-        # what others say may hold anything: escapes, line ends
+        """Wrap a text to lines of this width, each with its style."""
+        # texts from other nodes may contain anything: escapes, line ends
         text = ''.join(sign if sign.isprintable() else ' ' for sign in text)
         text = ' '.join(self.spelled(text).split())
         return [(line, style) for line in textwrap.wrap(
@@ -52,7 +52,7 @@ class _Screen(NamedTuple):
             break_on_hyphens=False) or ['']]
 
     def spelled(self, text):
-        """A text in signs that the terminal has."""
+        """A text in characters that the terminal can show."""
         return spelled(text, self.encoding)
 
 
@@ -63,9 +63,9 @@ class Dashboard:
     ----------
     state : WatchState
     note : str
-        At the end of the first line, which is seen in a low window, too.
+        Shown at the end of the first line, which is visible even in a low window.
     whole : bool
-        Tell every alarm to its end; else those that leave room for the rest.
+        Show all alarms completely; else only as many as leave room for the rest.
     """
 
     def __init__(self, state, note='', whole=True):
@@ -87,7 +87,7 @@ class Dashboard:
 
 
 def _text(lines):
-    """Lines, each of parts with a style, as one `Text` that is not wrapped."""
+    """Lines of styled parts as one `Text` that is not wrapped."""
     rows = [Text.assemble(*line) for line in lines]
     for row in rows:
         row.rstrip()
@@ -128,7 +128,7 @@ def _alarms(state, screen, every):
 
 
 def _pair(name, values, screen, form, style=''):
-    """A name and two numbers, in columns where they fit."""
+    """A name and two numbers, in columns if they fit."""
     if values is None:
         return []
     texts = [screen.spelled(form(value)) for value in values]
@@ -178,7 +178,7 @@ def _stars(state, screen):
                        else f'the zero leaves {rms:.2f}″ RMS of {of}', left, 0.0, screen)
     for name, values in zip(state.joints, (stars['encoders_first_arcsec'],
                                            stars['encoders_second_arcsec'])):
-        # with another power-on it is another
+        # the difference changes at a power-on
         values = _finite(value for value, power_on in zip(values, stars['power_on'])
                          if power_on == stars['power_on'][-1])
         if values:
@@ -201,7 +201,7 @@ def _bars(title, values, low, screen):
 
 
 def _sky(state, screen):
-    """A chart of the sky, the zenith in the middle, the horizon dotted, east on the right."""
+    """A sky chart: the zenith in the middle, the horizon dotted, east on the right."""
     width = screen.width
     high = min(SKY_HIGH, max(5, width // 2))
     middle, up = (width - 1) / 2.0, (high - 1) / 2.0

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What DDS is told of the network, in environment variables: by default this machine alone."""
+"""Network settings of DDS in environment variables: by default only this machine."""
 
 import os
 import sys
@@ -21,14 +21,14 @@ from pathlib import Path
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 IMPLEMENTATION = 'RMW_IMPLEMENTATION'
 _FAST = ('rmw_fastrtps_cpp', 'rmw_fastrtps_dynamic_cpp')
-#: of Fast DDS, new and old name
+#: variables of Fast DDS, new and old name
 PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
-#: who sets one of these has named other hosts
+#: variables by which a user has named other hosts
 _OTHERS = ('ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
 
 
 def dds_environment(domain=None):
-    """Environment variables with which a graph finds itself quickly, and is found by whom it may.
+    """Environment variables for fast discovery within a graph, restricted to allowed hosts.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def dds_environment(domain=None):
     Returns
     -------
     dict of str to str
-        What the user has set already is left as it is, but for the domain.
+        Variables that the user has set are unchanged, except the domain.
     """
     out = {} if domain is None else {'ROS_DOMAIN_ID': str(domain)}
     # opening the graph to the network is the user's explicit choice
@@ -49,14 +49,14 @@ def dds_environment(domain=None):
         profile = Path(__file__).parent / ('this_machine.xml' if here else 'network.xml')
         out.update({name: str(profile) for name in PROFILES})
         if here and _fast_dds():
-            # the profile says all; with LOCALHOST a socket on 0.0.0.0 is added to it. Another DDS
-            # does not read the profile, so that which one it is may not be left open
+            # the profile is sufficient; LOCALHOST would add a socket on 0.0.0.0. Another DDS would
+            # not read the profile, so name the implementation
             out |= {RANGE: 'SYSTEM_DEFAULT', IMPLEMENTATION: _fast_dds()}
     return out
 
 
 def _fast_dds():
-    """Name of the Fast DDS that is requested, or is installed and none is; else ''."""
+    """Name of the requested Fast DDS, or of an installed one if none is requested; else ''."""
     asked = os.environ.get(IMPLEMENTATION)
     if asked:
         return asked if asked in _FAST else ''

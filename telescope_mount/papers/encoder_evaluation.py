@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The evaluation of an absolute encoder's readings at standard angles, as in paper 001, section 3.
+"""Evaluation of an absolute encoder's readings at standard angles, as in paper 001, section 3.
 
 Eqs. 14 to 16 of the paper are those of JJG 100-2003, the Chinese verification regulation for total
-stations. It serves the measured angles of any encoder; `TABLE_2_MEASURED` are the paper's.
+stations. It works for the measured angles of any encoder; `TABLE_2_MEASURED` are the paper's.
 """
 
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ TABLE_2_MEASURED = _TABLE_2[:, 3:] @ _SECONDS * ARCSEC
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Readings at standard angles, evaluated; rad.
+    """Evaluated readings at standard angles; rad.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Evaluation:
     mean, std : float
         Mean of the graduation errors; standard deviation with n - 1 (eq. 16).
     largest, smallest : float
-        Of the absolute graduation errors.
+        Largest and smallest absolute graduation error.
     """
 
     graduation_errors: np.ndarray
@@ -82,7 +82,7 @@ def evaluate(measured, standard):
     Parameters
     ----------
     measured, standard : array_like, shape (n,)
-        rad, at least two; their differences are taken to half a turn.
+        rad, at least two; their differences are wrapped to half a turn.
 
     Returns
     -------
@@ -111,16 +111,16 @@ def evaluate(measured, standard):
 
 @dataclass(frozen=True)
 class HarmonicVerdict:
-    """Whether errors at equidistant angles hold harmonics of the turn.
+    """Whether errors at equidistant angles contain harmonics of the turn.
 
     Attributes
     ----------
     p_values, holm : ndarray, shape (orders,)
-        Of each harmonic alone against none (F test), and corrected for trying them all.
+        p-values of each harmonic alone (F test), and with Holm's correction for all of them.
     std_without : float
-        Standard deviation of what all the harmonics leave (with n - 1), rad.
+        Standard deviation of the residuals from all harmonics (with n - 1), rad.
     left_out, left_out_without : float
-        RMS error at an angle that the mean, or mean and harmonics, were fitted without, rad.
+        Leave-one-out RMS error of the mean, and of mean and harmonics, rad.
     """
 
     p_values: np.ndarray
@@ -131,12 +131,12 @@ class HarmonicVerdict:
 
     @property
     def found(self):
-        """Whether any is significant at 5 %."""
+        """Whether any harmonic is significant at 5 %."""
         return bool(self.holm.min() < 0.05)
 
 
 def harmonic_verdict(errors, orders=6):
-    """Look for harmonics 1 to `orders` of the turn in errors at equidistant angles.
+    """Test errors at equidistant angles for harmonics 1 to `orders` of the turn.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def harmonic_verdict(errors, orders=6):
 
 
 def sigma_interval(std, n):
-    """95 % interval of the sigma of which `n` normal readings gave `std`."""
+    """95 % confidence interval of sigma, given the `std` of `n` normally distributed readings."""
     from scipy.special import gammaincinv
     low, high = 2.0 * gammaincinv(0.5 * (n - 1), [0.025, 0.975])  # of chi-square
     return float(std * np.sqrt((n - 1) / high)), float(std * np.sqrt((n - 1) / low))

@@ -26,17 +26,17 @@ from pointing_model.effects.base import arcsec
 
 from .encoder_test import PRINTED_STD, notes
 
-#: method -> how it is drawn: colour and mark
+#: method -> style of its curve: colour and mark
 STYLES = {'centroid': 'before', 'parabola': 'fit', 'paper': 'after', 'template': 'third'}
 _MARKS = {'before': 'dots', 'fit': 'crosses', 'after': 'squares', 'third': 'triangles'}
-#: methods of the paper, and why each errs
+#: methods of the paper, and the causes of their errors
 _NAMES = {'centroid': 'Centroid of one bar', 'paper': 'Phase fit of the paper',
           'parabola': 'Parabola through each bar'}
 _CAUSES = {
     'centroid': 'one bar alone; noise at its edges decides which pixels count',
     'paper': 'bars cut at the ends of the row falsify the fitted period',
     'parabola': 'the phase is read at pixel 0, at the end of the line through the bars'}
-#: arcsec: a reading so wrong is a bar off, and would flatten the rest
+#: arcsec: an error above this is a whole bar, and would flatten the other curves
 _GROSS = 600.0
 
 
@@ -46,9 +46,9 @@ def render_encoder_test(report, files=()):
     Parameters
     ----------
     report : dict
-        Of `encoder_test.run`.
+        Report of `encoder_test.run`.
     files : iterable of Path
-        Written beside it.
+        Files written with it.
     """
     conditions, methods = report['conditions'], report['methods']
     loud = report['noise_of_the_paper']
@@ -98,7 +98,7 @@ def render_encoder_test(report, files=()):
 
 
 def _curves(title, x, curves, names=tuple(STYLES), label='reading', marks=True):
-    """Errors of methods; of gross and rejected ones there is none."""
+    """Curves of the methods' errors, without gross errors and rejected readings."""
     values = {name: np.array([np.nan if v is None or abs(v) > _GROSS else v
                               for v in curves[name]]) for name in names}
     limit = limit_of(*(v[np.isfinite(v)] for v in values.values()))

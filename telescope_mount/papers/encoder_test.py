@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The 23-face test of an absolute encoder, as paper 001 does it in its section 3.
+"""The 23-face test of an absolute encoder, as in section 3 of paper 001.
 
 An indexing table turns the disc to 23 standard angles, and the errors of the readings are
-evaluated by eqs. 14 to 16 of the paper (`encoder_evaluation`, which serves the measured angles of
-any encoder). The bench is simulated (`indexing_table`) and calibrates nothing.
+evaluated by eqs. 14 to 16 of the paper (`encoder_evaluation`, which works for the measured angles
+of any encoder). The bench is simulated (`indexing_table`) and calibrates nothing.
 """
 
 from dataclasses import replace
@@ -35,15 +35,15 @@ from .encoder_evaluation import (
 )
 from .indexing_table import SCALES, IndexingTable
 
-#: what the paper found for each method: standard deviation, arcsec
+#: standard deviation of each method in the paper, arcsec
 PRINTED_STD = {'paper': 4.57, 'centroid': 26.77, 'parabola': 16.93}
-#: methods in the picture; the others are variants of them
+#: methods in the figure; the others are variants of them
 DRAWN = ('centroid', 'parabola', 'paper', 'template')
-#: of one bar in ten at readings 5, 10 and 15, in bar periods
+#: displacement of one bar in ten at readings 5, 10 and 15, in bar periods
 DAMAGE = 0.15
 #: pixel noise at which the page repeats the comparison, grey levels: see `needed`
 PAPER_NOISE = 10.0
-#: what might make the rivals as bad as the paper found them: field, levels in SI, unit, unit in SI
+#: possible causes of the rivals' errors in the paper: field, levels in SI, unit, unit in SI
 _DISTURBANCES = (
     ('noise', (6.0, 8.0, 10.0, 12.0, 14.0), 'grey levels', 1.0),
     ('bar_position_error', (2e-6, 4e-6, 6e-6, 8e-6), 'um', 1e-6),
@@ -53,22 +53,22 @@ _DISTURBANCES = (
 
 
 def run(seed=1, turns=20, pitch=48, progress=None):
-    """The whole test on the simulated bench.
+    """Run the whole test on the simulated bench.
 
     Parameters
     ----------
     seed : int
     turns : int
-        How often the disc is put on the table and turned through the 23 angles.
+        Number of times that the disc is put on the table and turned through the 23 angles.
     pitch : {48, 60}
-        Pixels a bar: the two scales that the paper's figures allow.
+        Pixels per bar: the two scales that are consistent with the paper's figures.
     progress : callable, optional
-        Called with what is being done.
+        Called with the name of each step.
 
     Returns
     -------
     dict
-        For JSON; every angle in arcsec.
+        For JSON; all angles in arcsec.
     """
     step = progress or (lambda text: None)
     params = SCALES[pitch]
@@ -121,26 +121,26 @@ def _curves(errors):
 
 
 def _usual(errors, gross):
-    """Errors without what was rejected or is grossly wrong, NaN there."""
+    """Errors with NaN for rejected readings and gross errors."""
     with np.errstate(invalid='ignore'):
         return np.where(np.abs(errors) < gross, errors, np.nan)
 
 
 def _left_out(errors, usual):
-    """How many of the errors are not in the usual ones, and why."""
+    """Number of rejected readings and of gross errors."""
     return {'rejected': int(np.isnan(errors).sum()),
             'gross': int((np.isfinite(errors) & np.isnan(usual)).sum())}
 
 
 def _std(errors, gross):
-    """Standard deviation of what is neither rejected nor gross, arcsec."""
+    """Standard deviation without rejected readings and gross errors, arcsec."""
     usual = _usual(errors, gross)
     usual = usual[np.isfinite(usual)]
     return float(usual.std(ddof=1) / ARCSEC) if len(usual) > 1 else None
 
 
 def _summary(errors, gross):
-    """Figures of turns of readings, shape (turns, 23), without the rejected and the gross ones."""
+    """Statistics of turns, shape (turns, 23), without rejected readings and gross errors."""
     usual = _usual(errors, gross)
     rows = [row[np.isfinite(row)] for row in usual]
     turns = [evaluate(row, np.zeros(len(row))) for row in rows if len(row) > 1]
@@ -158,7 +158,7 @@ def _summary(errors, gross):
 
 
 def _damage_summary(errors, readings, gross):
-    """Figures of the damaged readings alone."""
+    """Statistics of the damaged readings only."""
     part = errors[:, np.array(readings) - 1]
     usual = _usual(part, gross)
     read = np.abs(usual[np.isfinite(usual)]) / ARCSEC
@@ -187,7 +187,7 @@ def _table_2():
 
 
 def _search(params, seed, turns):
-    """Each disturbance alone, level by level: what the methods of the paper then show."""
+    """Vary each disturbance alone, and determine the errors of the paper's methods."""
     out = []
     for name, levels, unit, size in _DISTURBANCES:
         for level in (getattr(params, name), *levels):
@@ -197,7 +197,7 @@ def _search(params, seed, turns):
             errors = bench.turns(turns)
             row = {'disturbance': name, 'level': level / size, 'unit': unit}
             for method, e in errors.items():
-                # the median turn: a single bad fit must not decide it
+                # the median turn, since a single bad fit must not decide
                 row[method.removesuffix('_by_centres')] = _summary(
                     e, bench.gross).get('median_std_arcsec')
             row['r_square'] = float(np.nanmedian(bench.fits(64)[0]))
@@ -207,7 +207,7 @@ def _search(params, seed, turns):
 
 
 def needed(rows):
-    """At which level of each disturbance a rival shows what the paper printed.
+    """Level of each disturbance at which a rival shows the error printed in the paper.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def needed(rows):
     -------
     list of dict
         For each disturbance and rival: the level, and the sine's standard deviation and R-square
-        there; None where no level that was tried is enough.
+        there; None if no tried level is sufficient.
     """
     out, columns = [], {'level': 'level', 'paper_arcsec': 'paper', 'r_square': 'r_square'}
     for name in dict.fromkeys(row['disturbance'] for row in rows):
@@ -243,7 +243,7 @@ def tables(report):
     Parameters
     ----------
     report : dict
-        From `run`.
+        Result of `run`.
 
     Returns
     -------
@@ -286,7 +286,7 @@ def tables(report):
 
 
 def notes(report):
-    """Sentences that go with the tables, as a list of str."""
+    """Notes on the tables, list of str."""
     table_2 = report['table_2']
     low, high = table_2['sigma_95_percent_arcsec']
     harmonics = table_2['harmonics']

@@ -25,18 +25,18 @@ from ..night_files import Written
 from ..whole_night import observe, prepare_folder
 from .experiment_page import render_experiment
 
-#: how the zero moves at a power-on -> scenario
+#: choice of zero changes at power-ons -> scenario
 DRIFTS = {'paper': 'eleven_nights', 'random': 'eleven_random_nights'}
-#: the night two before is the reference of each
+#: each night uses the night so many before as reference
 REFERENCE_AGE = 2
 NIGHTS = 11
-#: whose drift is next to what the satellite showed in the paper before calibration
+#: night whose drift is closest to the satellite's error before calibration in the paper
 SATELLITE_NIGHT = 4
 #: first night, -1: the satellite of paper 000 (elements of 2013 day 264) is up in its evenings
 START = '2013-09-20T13:00:00'
-#: written beside log and page
+#: files written next to log and page
 FILES = ('table1.csv', 'zeros.csv', 'gps.json', 'report.json', 'observations.csv')
-#: a plan of that many nights would be an hour of commands at a real telescope
+#: longest wait: with a real telescope so many nights would take an hour of commands
 _HOURS = 24
 
 
@@ -46,16 +46,16 @@ def experiment_plan(stars, polaris, satellite, extra=False, nights=NIGHTS):
     Parameters
     ----------
     stars : int
-        In each of the two blocks of a night.
+        Stars in each of the two blocks of a night.
     polaris : int
         Exposures for a zero.
     satellite : int
         Exposures of the satellite before and after the zero calibration of its night.
     extra : bool
-        One more power-on: the case of the paper's section 1.1, or the night whose zero is
-        foretold.
+        Add a power-on: the case of the paper's section 1.1, or the night whose zero is
+        predicted.
     nights : int
-        Those of table 1, 11 in the paper.
+        Nights of table 1, 11 in the paper.
 
     Returns
     -------
@@ -80,28 +80,28 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=BLOCK_STARS, polaris=ZE
     Parameters
     ----------
     out : Path
-        Folder for all that is written.
+        Folder for all output.
     drifts : str
         One of `DRIFTS`.
     nights : int
-        Of table 1; what zeros follow shows in more of them.
+        Nights of table 1; more of them show better what the zeros follow.
     scenario : str, optional
-        What is wrong with the simulated mount, in place of `drifts`: a season whose zeros follow
-        something, such as ``season_temperature``. The last power-on is the one that is foretold.
+        Errors of the simulated mount, instead of `drifts`: a season whose zeros follow
+        something, such as ``season_temperature``. The zero of the last power-on is predicted.
     seed, stars, polaris, satellite, domain_number
-        As of `night.run_night` and `experiment_plan`.
+        See `night.run_night` and `experiment_plan`.
     progress : callable, optional
-        Called with (text, done, total) as it goes on.
+        Called with (text, done, total).
 
     Returns
     -------
     dict
-        What `telescope_mount.papers.table_1` makes of it, with the ``files`` that were written.
+        Results of `telescope_mount.papers.table_1`, with the ``files`` that were written.
 
     Raises
     ------
     ValueError, OSError
-        Bad input.
+        Invalid input.
     NightFailed
         A node ended, or the plan could not be carried out.
     """
@@ -125,7 +125,7 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=BLOCK_STARS, polaris=ZE
 
 
 def _write(folder, nights, origin, latest):
-    """table1.csv, zeros.csv, gps.json, report.json, observations.csv; `Written`."""
+    """Write table1.csv, zeros.csv, gps.json, report.json, observations.csv; return `Written`."""
     from calibration.report.zero_season_report import write_season, zero_season
     from msg_tools import topics
     from pointing_model.runs.columns.cells import write_rows

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of `experiment`: the nights of paper 000, the satellite, and what the zeros follow."""
+"""The page of `experiment`: the nights of paper 000, the satellite, and causes of the zeros."""
 
 
 import numpy as np
@@ -43,11 +43,11 @@ def render_experiment(report, run=None, files=()):
     Parameters
     ----------
     report : dict
-        As `experiment.run_experiment` gives it.
+        Result of `experiment.run_experiment`.
     run : PointingRun, optional
         All rows of all nights.
     files : iterable of Path
-        Written beside it.
+        Files written with it.
     """
     table1, summary, paper = (report['table1'], report['statistics'], report['paper'])
     radial = {when: _radial(summary, when) for when in WHENS}
@@ -108,12 +108,12 @@ def _largest(summary):
 
 
 def _radial(statistics, when):
-    """RMS of both axes together, arcsec."""
+    """RMS of both axes combined, arcsec."""
     return float(np.hypot(*(statistics[f'{when}_{axis}_arcsec']['rms'] for axis, _ in AXES)))
 
 
 def residuals_of_nights(report, run):
-    """Every star of the nights by the model of two nights before, its zero and tonight's.
+    """Residuals of every star from the model of two nights before, with its zero and tonight's.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def residuals_of_nights(report, run):
     Returns
     -------
     Residuals or None
-        The means of its rows before and after Polaris are those of the report.
+        The means of its rows before and after Polaris equal those of the report.
     """
     parts = []
     for night in report['nights']:
@@ -154,7 +154,7 @@ def _key(night):
 
 
 def _nights(rows, axis, name, when):
-    """Mean errors of the nights, ours, on the scale that before and after of an axis share."""
+    """Mean errors of the nights, with a common scale for before and after of an axis."""
     x = np.array([row['night'] for row in rows], float)
     y = np.array([row[f'{when}_{axis}_arcsec'] for row in rows])
     limit = limit_of(y)
@@ -193,7 +193,7 @@ def _statistics(ours, paper):
 
 
 def _satellite(report):
-    """The satellite that was tracked before and after."""
+    """The satellite tracked before and after the zero calibration."""
     tracks, ours = report.get('satellite'), report.get('gps')
     if not tracks or not ours:
         return None
@@ -218,7 +218,7 @@ def _satellite(report):
 
 
 def _zeros(summary):
-    """The zeros of the power-ons against what was measured at the mark."""
+    """Zeros of the power-ons as a function of the measurements at the mark."""
     if not summary['power_ons']:
         return None
     found, season = summary['causes'], season_from_rows(summary['power_ons'])

@@ -14,7 +14,7 @@
 
 """The simulated bench of paper 001, section 3: an indexing table turns the disc to 23 angles.
 
-There the paper compares its own method with two others, which are here too.
+The two methods with which the paper compares its own are also here.
 """
 
 import math
@@ -30,23 +30,22 @@ from msg_tools.units import ARCSEC, wrap
 from ..simulation import Absolute, LinearCCD
 
 FACES = 23
-#: readings whose bars are damaged in the paper's fig. 12, counted from 1
+#: readings with damaged bars in the paper's fig. 12, counted from 1
 DAMAGED = (5, 10, 15)
-#: the paper's CCD at the two scales that its figures allow and its grey levels fit best
+#: the paper's CCD at the two scales consistent with its figures, with the best grey levels
 SCALES = {
     48: Absolute(noise=2.0),
     60: Absolute(noise=2.0, bar_pitch=60.0, blur=8.0, base=88.0),
 }
-#: largest error of the table that the paper used, rad
+#: largest error of the table used in the paper, rad
 TABLE_ERROR = 0.2 * ARCSEC
 
 
 class CentroidReader(BarReader):
-    """Centroid of one bar, the first whole one (paper 001, reference 17).
+    """Centroid of one bar, the first complete one (paper 001, reference 17).
 
-    Its pixels above the threshold are weighted with their inverted grey level, which still holds
-    the base. Noise at the edges decides which pixels count, and one bar has no other to average
-    with.
+    Its pixels above the threshold are weighted with their inverted grey level, which still includes
+    the base. Noise at the edges decides which pixels count, and there is no averaging over bars.
     """
 
     def _place(self, grey, bars):
@@ -61,15 +60,15 @@ class CentroidReader(BarReader):
 class ParabolaReader(BarReader):
     """A parabola through the pixels of each decoded bar, a straight line through the 18 vertices.
 
-    A bar whose parabola has no top within it is left out of the line.
+    Bars whose parabola has no maximum within the bar are not used for the line.
 
     Parameters
     ----------
     design, disc
-        As for the others.
+        See `BarReader`.
     at : {'start', 'middle'}
-        Where the line is read: at pixel 0, as the paper reads its phase, or where it is best
-        known, in the middle of the 18 bars.
+        Where the line is read: at pixel 0, as the paper reads its phase, or where it is most
+        accurate, in the middle of the 18 bars.
     """
 
     def __init__(self, design, disc=None, at='start'):
@@ -93,7 +92,7 @@ class ParabolaReader(BarReader):
 
 
 def _vertices(grey, start, end):
-    """Top of the parabola through each run of pixels, and whether it is one."""
+    """Vertex of the parabola through each run of pixels, and whether it is valid."""
     centre = 0.5 * (start + end - 1)
     offset = np.arange(int((end - start).max()))
     pixel = start[:, :, np.newaxis] + offset
@@ -112,7 +111,7 @@ def _vertices(grey, start, end):
     return centre + np.where(good, shift, 0.0), good
 
 
-#: every method under test, by name
+#: all tested methods, by name
 METHODS = {
     'paper': PaperReader,
     'centroid': CentroidReader,
@@ -130,18 +129,18 @@ class IndexingTable:
     ----------
     params : absolute.Absolute
     seed : int
-        Of disc, table and noise.
+        Seed of disc, table and noise.
     methods : iterable of str
-        Names out of `METHODS`.
+        Names from `METHODS`.
 
     Attributes
     ----------
     standard : ndarray, shape (23,)
         Angles of the table, rad.
     table_errors : ndarray, shape (23,)
-        By how much the table really turns further, rad.
+        True angle - standard angle of the table, rad.
     damaged_readings : tuple of int
-        Counted from 1.
+        Their numbers, counted from 1.
     gross : float
         Error from which a reading is grossly wrong: half a bar, rad.
     """
@@ -168,19 +167,19 @@ class IndexingTable:
     def turns(self, n, damage=None):
         """Turn the disc to the standard angles, `n` times.
 
-        Each time the disc sits at another place on the table, which is known.
+        Each time the disc has another known orientation on the table.
 
         Parameters
         ----------
         n : int
         damage : float, optional
-            At the readings `DAMAGED`, one in ten of the bars in view lies off its place by so many
-            bar periods, among them the first whole one.
+            At the readings `DAMAGED`, displace one in ten of the bars in view by this number of
+            bar periods, including the first complete one.
 
         Returns
         -------
         dict of str to ndarray, shape (n, 23)
-            Reading - standard angle of each method, rad; NaN where it rejected the frame.
+            Reading - standard angle for each method, rad; NaN if it rejected the frame.
         """
         parts = []
         for _ in range(n):
@@ -196,7 +195,7 @@ class IndexingTable:
         return {name: np.stack([part[name] for part in parts]) for name in self.readers}
 
     def _damaged(self, angles, frames, damage):
-        """A CCD that looks at the disc with one bar in ten displaced in view of `frames`."""
+        """A CCD in front of the disc with one bar in ten displaced in the view of `frames`."""
         bars = self.disc.bars
         shift = np.zeros(bars)
         reach = int(0.5 * self.params.pixels / self.params.bar_pitch)
@@ -215,7 +214,7 @@ class IndexingTable:
         Returns
         -------
         position : ndarray, shape (n,)
-            Within the bar, from its middle on, rad.
+            Position relative to the middle of the bar, rad.
         errors : dict of str to ndarray, shape (n,)
         """
         start = self._rng.integers(self.disc.bars) * self.disc.bar_angle
@@ -224,7 +223,7 @@ class IndexingTable:
         return position, self._errors(self._frames(self.ccd, angles, noise), angles)
 
     def fits(self, n):
-        """R-square and period (pixels) of the paper's sine at `n` random angles, shape (n,)."""
+        """R-square and period (pixels) of the paper's sine fit at `n` random angles, shape (n,)."""
         angles = self._rng.uniform(0.0, 2.0 * np.pi, n)
         read = PaperReader(self.params.design).read(self._frames(self.ccd, angles))
         return read.r_square, read.period

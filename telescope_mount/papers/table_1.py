@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Paper 000's table 1 and figures 1 and 2, with our numbers beside the paper's."""
+"""Paper 000's table 1 and figures 1 and 2, our numbers next to the paper's."""
 
 from itertools import zip_longest
 
@@ -24,8 +24,8 @@ from pointing_model.rms import rms
 
 COLUMNS = ('night', 'before_az_arcsec', 'before_el_arcsec', 'after_az_arcsec', 'after_el_arcsec')
 
-#: Paper 000, table 1, read as mean errors of the stars of a night, azimuth as coordinate angle;
-#: the paper says neither (docs/papers.md).
+#: Paper 000, table 1, interpreted as mean errors of the stars of a night, azimuth as coordinate
+#: angle; the paper states neither (docs/papers.md).
 PAPER_TABLE_1 = tuple(dict(zip(COLUMNS, row)) for row in (
     (1, 3.5, -14.1, -2.6, -0.7),
     (2, -12.0, -7.3, -0.2, 0.1),
@@ -39,25 +39,25 @@ PAPER_TABLE_1 = tuple(dict(zip(COLUMNS, row)) for row in (
     (10, 0.3, 8.5, -2.2, 0.7),
     (11, 3.9, 1.5, -2.2, -0.8),
 ))
-#: What the telescope of the paper was to point within (section 1.1).
+#: pointing specification of the paper's telescope (section 1.1)
 SPECIFICATION_ARCSEC = 8.0
 
 
 def compare_with_paper(nights, count):
-    """All figures of the experiment.
+    """All results of the experiment.
 
     Parameters
     ----------
     nights : list of dict
         Rows of `calibration.night_series.NightSeries`.
     count : int
-        Nights of table 1; a night after them is the case of the paper's section 1.1.
+        Nights of table 1; an additional night is the case of the paper's section 1.1.
 
     Returns
     -------
     dict
-        ``table1`` (a dict of `COLUMNS` a night), ``nights``, ``statistics`` (by column: mean, std,
-        rms), ``paper`` (the same of the paper's table), ``budget`` (of the means after
+        ``table1`` (a dict of `COLUMNS` per night), ``nights``, ``statistics`` (by column: mean,
+        std, rms), ``paper`` (the same for the paper's table), ``budget`` (of the means after
         calibration, in sigmas), ``gps``, ``case_1_1`` and ``alarms``; JSON-ready.
 
     Raises
@@ -99,7 +99,7 @@ def _case(night):
     if night is None:
         return None
     zero, before, after = (night['physical'][key] for key in ('zero', 'before', 'after'))
-    # on the sky, at the elevation that the zero's contamination by CA gives: 1 / cos E
+    # on the sky, at the elevation that the zero's contamination by CA implies: 1 / cos E
     cos_el = 1.0 / zero['contamination']['az']['CA']
     return {
         'polaris_off_arcsec': float(np.hypot(
@@ -117,7 +117,7 @@ def statistics(table):
     Parameters
     ----------
     table : sequence of dict
-        By `COLUMNS`.
+        Rows with `COLUMNS`.
 
     Returns
     -------
@@ -136,12 +136,12 @@ def statistics(table):
 
 
 def short_table(report):
-    """Means of the nights before and after calibration, ours beside the paper's.
+    """Means of the nights before and after calibration, ours next to the paper's.
 
     Parameters
     ----------
     report : dict
-        Of `compare_with_paper`.
+        Result of `compare_with_paper`.
 
     Returns
     -------
@@ -214,7 +214,7 @@ def _add_statistics(out, report):
 
 
 def _kinds(report):
-    """Both kinds of model, on the sky: azimuth times cos(elevation)."""
+    """Both kinds of models, on the sky: azimuth times cos(elevation)."""
     out = new_table(
         'The same stars on the sky, arcsec: mean (x) and radial RMS, by model of two nights before',
         'night', '7 terms, before: x', 'el', 'RMS', 'after: x', 'el', 'RMS',

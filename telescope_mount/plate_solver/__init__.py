@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A plate solver over a folder of images."""
+"""Plate solving of a folder of images."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A folder of images solved one by one into a run; what is done is not done again."""
+"""Solves a folder of images into a run; solved images are not solved again."""
 
 import json
 from collections import Counter
@@ -28,13 +28,13 @@ from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
 from pointing_model.runs.plate_solves.solvers import NotSolved
 
 SOLVED, FAILED, HUNG = 'solved', 'not solved', 'hung'
-#: images in a row that a solver may hang on before nothing more is asked of it
+#: images in a row on which a solver may hang before it is given up
 HANGS = 5
 _SOLUTION = ('ra_deg', 'dec_deg', 'sigma_arcsec', 'scale_arcsec_px', 'parity')
 
 
 class Journal:
-    """What became of each image: a line of JSON each, written as it is known.
+    """Results by image: a line of JSON each, written immediately.
 
     Parameters
     ----------
@@ -50,10 +50,10 @@ class Journal:
                     entry = json.loads(line)
                     self.entries[entry['image']] = entry
                 except (ValueError, TypeError, KeyError):
-                    continue  # the line that a crash has cut
+                    continue  # a line truncated by a crash
 
     def of(self, image):
-        """The entry of an image as it is now, or None."""
+        """The entry of an image if it has not changed since, or None."""
         entry = self.entries.get(image.name)
         return entry if entry and entry.get('stamp') == _stamp(image) else None
 
@@ -86,25 +86,25 @@ def solve_folder(folder, mapping, solver, out, *, again=False, report=lambda tex
         Keywords of the mount.
     solver : Solver
     out : Path
-        The CSV, written anew when it ends, however it ends; ``out.jsonl`` beside it is the
-        journal: images that it has, and that have not changed, are not solved again.
+        The CSV, rewritten at the end, even after an error; ``out.jsonl`` in the same folder is
+        the journal: unchanged images in it are not solved again.
     again : bool
-        Try those that were not solved once more.
+        Try unsolved images again.
     report : callable
-        Gets a line for people for each image.
+        Gets a line for people about each image.
     progress : callable, optional
-        Called with (text, done, total) as it goes on.
+        Called with (text, done, total).
 
     Returns
     -------
     Counter
-        Images by what became of them, `SOLVED`, `FAILED`, `HUNG`.
+        Number of images by result: `SOLVED`, `FAILED`, `HUNG`.
 
     Raises
     ------
     ValueError
-        No image, images of several mounts or sites, a keyword that is in none; none is solved;
-        the solver hangs.
+        No images, images of several mounts or sites, a keyword that no image has, no solved image,
+        or the solver hangs.
     """
     files = mapping.images(folder)
     journal = Journal(f'{out}.jsonl')
@@ -142,7 +142,7 @@ def solve_folder(folder, mapping, solver, out, *, again=False, report=lambda tex
 
 
 def _rows(mapping, files):
-    """Row by the keywords and why it is none, by the name of the image; the site of all."""
+    """Row from the keywords, and the reason if it is unusable, by image name; the common site."""
     rows, absent, headers = {}, Counter(), []
     for file in files:
         try:
@@ -182,7 +182,7 @@ def _outcome(entry):
 
 
 def _write(out, done, mapping, site, count):
-    """The run of the images that are solved."""
+    """Write the run of the solved images."""
     solved = [({**row, **{n: v for n, v in entry.items() if n in _SOLUTION}}, entry)
               for row, entry in done if entry['status'] == SOLVED]
     rows = [row for row, _ in solved]
