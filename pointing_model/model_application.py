@@ -87,13 +87,12 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
 
 def _refuse_misspelled(model, drivers):
     """Refuse an unknown driver if one that an effect needs is missing: it may be misspelled."""
+    given = {_DRIVERS.get(name, (name,))[0] for name in drivers}
     followed = {name for one in model.effects for name in one.effect.requires}
-    known = {**_DRIVERS, **{name: (name, 1.0) for name in {*COLUMNS, *followed}}}
-    missing = followed - {known[name][0] for name in drivers if name in known}
-    unknown = sorted(set(drivers) - set(known))
+    unknown, missing = given - followed - set(COLUMNS), followed - given
     if unknown and missing:
-        raise ValueError(f'no effect follows {", ".join(unknown)}; not given is '
-                         + ', '.join(sorted(column_name(name) for name in missing)))
+        raise ValueError(f'no effect follows {", ".join(sorted(unknown))}; not given is '
+                         + ', '.join(sorted(map(column_name, missing))))
 
 
 def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=None, height_m=0.0,

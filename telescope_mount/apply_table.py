@@ -37,7 +37,7 @@ from pointing_model.runs.columns.solve_columns import may_be_hours, refuse_hours
 from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
 from pointing_model.runs.run import COLUMNS, column_name
 from pointing_model.runs.run_reader import EQUINOXES
-from pointing_model.sky.refraction import air_of_rows, unused_air
+from pointing_model.sky.refraction import air_of_rows
 from pointing_model.sky.site import SITE, Site, site_contradictions
 from pointing_model.zero import carried_zeros
 from pointing_model.zero_drift import KEY
@@ -71,15 +71,13 @@ def apply_to_table(model, args):
     cells = dict(zip(header, rows))
     places, readings = ([column_name(f'{axis}{part}', model.mount.names) for axis in ('az', 'el')]
                         for part in ('', '_enc'))
-    of_sky = not args.reverse and is_sky(cells, places)
+    of_sky = not args.reverse and set(SKY) <= set(cells) and places[0] not in cells
     pair = readings if args.reverse else SKY if of_sky else places
     columns, notes = _drivers(table, cells, pair, places, args)
     notes += [*more, *declared['notes']]
-    if not of_sky:
-        if args.equinox != 'auto':
-            raise ValueError(f'{table.path}: --equinox is of ra_deg, dec_deg, which are not taken '
-                             'here; leave it out')
-        notes += [unused_air(*pair)] if given_air(args) else []
+    if not of_sky and (args.equinox != 'auto' or given_air(args)):
+        raise ValueError(f'{table.path}: --equinox, --pressure and --temperature are of ra_deg, '
+                         'dec_deg, which are not taken here; leave them out')
     az, el = (_angles(table, column, cells) for column in pair)
     if of_sky:
         check_sky(table, az, el, cells)
@@ -294,11 +292,6 @@ def _rows(lines, limit=20):
     texts = ', '.join(str(n) for n in lines[:limit])
     more = f', ... ({len(lines)} rows)' * (len(lines) > limit)
     return f'row{"s" * (len(lines) > 1)} {texts}{more}'
-
-
-def is_sky(cells, places):
-    """Whether a table gives places of the sky instead of axis angles."""
-    return set(SKY) <= set(cells) and places[0] not in cells
 
 
 def check_sky(table, ra, dec, cells):

@@ -69,7 +69,9 @@ class MeasuredTracks:
         chosen = np.arange(len(self.names))[rows]
 
         def air(of):
-            return _air_of(self.weather, chosen[of])
+            rows = chosen[of]
+            return replace(self.weather, pressure_hpa=self.weather.pressure_hpa[rows],
+                           temperature_c=self.weather.temperature_c[rows])
         return satellite_tracks(columns, self.names[rows], self.orbits, self.site, air, self.mount,
                                 {'notes': list(self.notes)})
 
@@ -242,7 +244,3 @@ def _joined(parts):
     return {name: np.concatenate([part.get(name, np.full(len(part['time']), np.nan))
                                   for part in parts]) for name in every}
 
-
-def _air_of(weather, rows):
-    return replace(weather, pressure_hpa=weather.pressure_hpa[rows],
-                   temperature_c=weather.temperature_c[rows])

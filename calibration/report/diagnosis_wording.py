@@ -225,7 +225,7 @@ KINDS = {
         + ', '.join(f'{name} {value:+.2f}' for name, value in found['terms'].items())
         + (' arcsec: set a zero, or fit the night, before you point by it'
            if found['newest'] is None else
-           f' arcsec, and their zeros: apply takes that of the newest, {found["newest"]}')),
+           f' arcsec, and their zeros: apply takes that of the newest, run {found["newest"]:g}')),
     'term of each session': _moving,
     'terms of sessions': lambda found: (
         f'each session has its own {", ".join(found.causes)}: they move from session to session '

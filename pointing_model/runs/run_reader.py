@@ -21,8 +21,7 @@ from pkgutil import iter_modules
 from pointing_model.mounts import ALTAZ, Mount, parse_mount
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
 from pointing_model.runs.plate_solves.mapping import looks_like_mapping
-from pointing_model.runs.run import REQUIRED, PointingRun, known_site
-from pointing_model.sky.refraction import unused_air
+from pointing_model.runs.run import PointingRun, known_site
 from pointing_model.sky.site import site_contradictions
 
 from . import formats
@@ -126,7 +125,8 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     if encoder == 'abs':
         swap_encoders(path, columns, meta)
     if weather and 'ra_deg' not in columns:
-        meta['notes'].append(unused_air(*map(table.label, REQUIRED[:2])))
+        meta['notes'].append('--pressure and --temperature change nothing: the places are taken as '
+                             'refracted')
     altazimuth = table.names is ALTAZ.names and 'lst_given' not in columns
     _settle_origin(azimuth_origin, meta, altazimuth)
     if site is not None:

@@ -163,12 +163,6 @@ def air_of_rows(height, pressure=None, temperature=None, declared=None, given=No
         text, *notes]
 
 
-def unused_air(first, second):
-    """Note that given weather is unused, as the places in the columns are already refracted."""
-    return (f'--pressure and --temperature change nothing: {first}, {second} are taken as '
-            'refracted places')
-
-
 def odd_pressure(pressure, height):
     """Warnings, a list, about a pressure (hPa) that weather cannot explain at a height (m)."""
     usual = standard_pressure(height)

@@ -348,7 +348,8 @@ def test_comments_above_a_table_of_directions_declare(ended, model, tmp_path):
     ('ra_deg,dec_deg\n1,2\n', ['--latitude', '5', '--longitude', '5'], 'need the time'),
     ('ra_deg,dec_deg\n1,2\n', ['--time', '2026-01-15T13:00:00Z'], 'need the site'),
     ('ra_deg,dec_deg\n1,95\n', ['--time', '2026-01-15T13:00:00Z'], "'95' is no such angle"),
-    ('az_deg,el_deg\n1,2\n', ['--equinox', 'date'], '--equinox is of ra_deg'),
+    ('az_deg,el_deg\n1,2\n', ['--equinox', 'date'], 'are of ra_deg'),
+    ('az_deg,el_deg\n1,2\n', ['--pressure', '700'], 'are of ra_deg'),
     ('# mount: german\naz_deg,el_deg\n1,2\n', [], 'is of a mount that is altaz'),
     ('# frame: tomorrow\naz_deg,el_deg\n1,2\n', [], "row 1: frame 'tomorrow' is unknown"),
 ])

@@ -38,7 +38,7 @@ from pointing_model.zero import OF_RUNS, PowerOnZero, Zeros, carried_zeros
 from ..finding import Finding
 from ..term_fit import fit_terms, rotation_start
 from .base_terms import Base
-from .observations import mount_of, observations, run_labels, run_name
+from .observations import mount_of, observations, run_labels
 from .residual_patterns import MOST_ROWS, ResidualRows, step_finding
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
@@ -148,13 +148,10 @@ def median_findings(run, model):
     own, count = run.base.own, len(run.obs.runs)
     if not own or count < 2:
         return []
-    newest = None
-    if carried_zeros(model):
-        label = [*map(str, run.obs.runs)].index([*_run_numbers(run.obs)][-1])
-        newest = run_name(run.obs, run.obs.label == label)
+    zeros = carried_zeros(model)
     return [Finding('medians of the runs', evidence={
         'runs': count, 'terms': {name: model.terms[name] / ARCSEC for name in own},
-        'newest': newest})]
+        'newest': zeros.newest.run if zeros else None})]
 
 
 def with_zeros(model, zeros, before, after):

@@ -83,7 +83,7 @@ class RunFormat(NamedTuple):
     wording: str
     looks_like: Callable
     read: Callable
-    taken: str = AS_NAMED
+    taken: str = 'the columns were taken as this format has them'
     rank: int = 0
     of_encoder: bool = False
 

@@ -379,4 +379,4 @@ def _declarations(run):
 
 
 FORMAT = RunFormat('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...)',
-                   looks_like, read, rank=1, of_encoder=True)
+                   looks_like, read, run_table.AS_NAMED, rank=1, of_encoder=True)

@@ -131,5 +131,4 @@ def _time(rows, dates):
     return seconds
 
 
-FORMAT = RunFormat('input of gpoint', looks_like, read,
-                   'the columns were taken as this format has them')
+FORMAT = RunFormat('input of gpoint', looks_like, read)

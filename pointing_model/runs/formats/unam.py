@@ -94,5 +94,4 @@ def read(path, lines):
     return table
 
 
-FORMAT = RunFormat('a log of the UNAM control system', looks_like, read,
-                   'the columns were taken as this format has them')
+FORMAT = RunFormat('a log of the UNAM control system', looks_like, read)
