@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Orbits from files: precise ephemerides, predictions, elements; a file of code for each format."""
+"""Orbits from files: precise ephemerides, predictions, elements; one module per format."""

@@ -15,8 +15,8 @@
 """CPF: predictions of the ILRS for ranging, versions 1 and 2 (R. Ricklefs, Consolidated Laser
 Ranging Prediction Format, 2018).
 
-Header lines H1 (provider, date, target), H2 (numbers, times, frame), then positions in lines 10,
-velocities in lines 20, m and m/s in ITRF. Days are MJD with seconds of UTC.
+Header lines H1 (provider, date, target) and H2 (numbers, times, frame), then positions in lines 10
+and velocities in lines 20, m and m/s in ITRF. Dates are MJD and seconds of UTC.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ from .time_scales import calendar_seconds, tai_of
 
 _MJD_1970 = 40587
 _FRAMES = {0: 'Earth-fixed', 1: 'inertial, true of date', 2: 'inertial, mean of J2000'}
-#: epochs of a polynomial, by the specification
+#: points of a polynomial, by the specification
 _COUNT = 10
 
 
@@ -36,7 +36,7 @@ def looks_like(lines):
 
 
 def read(path, lines):
-    """The positions of a file; of several files put one after the other each by itself.
+    """Positions of a file; concatenated files are read separately.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def read(path, lines):
     Raises
     ------
     ValueError
-        One line: another frame, a line that is cut, a number that is none.
+        One line: another frame, a truncated line, or an invalid number.
     """
     begins = [i for i, line in enumerate(lines) if line[:2].upper() == 'H1']
     return [_one(path, lines[first:last], first) for first, last in zip(
@@ -82,7 +82,7 @@ def _one(path, lines, before):
     if not rows:
         raise ValueError(f'{path} has no position in it: lines that begin with 10 0')
     table = np.array(rows)
-    # a leap second within the file is counted on, and its number stands in the row
+    # seconds of the file continue over a leap second within it, whose number is in the row
     seconds = (table[:, 1] - _MJD_1970) * 86400.0 + np.floor(table[:, 2])
     whole = tai_of(seconds - table[:, 3], 'UTC')
     velocity = None if not rates else np.array([rates.get(i, (np.nan,) * 3)
@@ -92,7 +92,7 @@ def _one(path, lines, before):
 
 
 def _first(path, at, words):
-    """Name, provider and TAI of its making."""
+    """Name, provider and TAI of its creation."""
     if len(words) < 9:
         raise ValueError(f'{path}, line {at}: the first header line has {len(words)} words; is '
                          'the file cut off?')
@@ -105,7 +105,7 @@ def _first(path, at, words):
 
 
 def _second(path, at, words):
-    """Numbers of the satellite, and the frame."""
+    """Catalogue numbers of the satellite, and the frame."""
     if len(words) < 18:
         raise ValueError(f'{path}, line {at}: the second header line has {len(words)} words; is '
                          'the file cut off?')

@@ -26,20 +26,20 @@ import numpy as np
 from ..elements import TYPES, Satellite, parse_sets
 from .orbit_table import OrbitFormat
 
-#: of an OMM, without which there are no elements; and what the others are where they are missing
+#: keywords of an OMM that are required, and defaults of the others
 _NEEDED = ('EPOCH', 'MEAN_MOTION', 'ECCENTRICITY', 'INCLINATION', 'RA_OF_ASC_NODE',
            'ARG_OF_PERICENTER', 'MEAN_ANOMALY', 'NORAD_CAT_ID')
 _DEFAULTS = {'CLASSIFICATION_TYPE': 'U', 'OBJECT_ID': '', 'EPHEMERIS_TYPE': '0',
              'ELEMENT_SET_NO': '0', 'REV_AT_EPOCH': '0', 'BSTAR': '0', 'MEAN_MOTION_DOT': '0',
              'MEAN_MOTION_DDOT': '0'}
-#: theories whose elements SGP4 takes
+#: theories whose elements SGP4 can use
 _THEORIES = {'SGP', 'SGP4', 'SDP4'}
 _KEY = re.compile(r'\s*([A-Z_0-9]+)\s*=\s*([^\[]*)')
 
 
 @dataclass(frozen=True)
 class MessageElements(Satellite):
-    """Elements by an OMM.
+    """Elements from an OMM.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class MessageElements(Satellite):
 
 
 class ElementSets:
-    """Several sets of elements of one satellite: at each time those of the nearest epoch.
+    """Several sets of elements of one satellite: each time uses the set of the nearest epoch.
 
     Parameters
     ----------
@@ -79,15 +79,15 @@ class ElementSets:
 
     @property
     def epoch(self):
-        """Of the newest set: UTC, seconds since 1970-01-01."""
+        """Epoch of the newest set: UTC, seconds since 1970-01-01."""
         return float(self._epochs[-1])
 
     def itrf(self, time, rest=0.0, orientation=None):
-        """As of `elements.Satellite`."""
+        """See `elements.Satellite`."""
         return self._by_set(time, rest, Satellite.itrf, (3,))
 
     def sigma(self, time, rest=0.0):
-        """As of `elements.Satellite`."""
+        """See `elements.Satellite`."""
         return self._by_set(time, rest, Satellite.sigma, ())
 
     def _by_set(self, time, rest, of, width):
@@ -117,13 +117,13 @@ def _is_message(lines):
 
 
 def _read_messages(path, lines):
-    """Elements of each message of a file.
+    """Elements in each message of a file.
 
     Raises
     ------
     ValueError
-        One line: a keyword that is missing, a frame or theory that is not SGP4's, a number that
-        is none.
+        One line: a missing keyword, a frame or theory that SGP4 does not use, or an invalid
+        number.
     """
     text = '\n'.join(lines)
     try:

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A satellite's positions at epochs, and between them: the one thing that is asked of an orbit.
+"""Positions of a satellite at epochs, and interpolation between them.
 
-Between epochs a polynomial goes through the nearest: 14 of them where they are a quarter of an hour
-apart, 10 where they are minutes apart or the format says so. It is drawn in axes that turn with
-the Earth's mean rate no more: there the orbit is smoother than in ITRF, and with every second epoch
-of GPS left out the error is smaller by a factor of one to three. At the ends it goes through the
-epochs on one side, with a larger sigma; beyond them there is no position.
+A polynomial goes through the nearest epochs: 14 at steps of a quarter of an hour, 10 at steps of
+minutes or if the format says so. Interpolation is in axes without the Earth's mean rotation: there
+the orbit is smoother than in ITRF, and with every second epoch of GPS left out the error is smaller
+by a factor of one to three. At the ends of the table the epochs are on one side, with a larger
+sigma; beyond them there is no position.
 """
 
 from dataclasses import dataclass, replace
@@ -30,38 +30,38 @@ from ..earth import TURN_RATE
 from ..elements import turned
 from .time_scales import leap_seconds, utc_of, utc_text
 
-#: epochs that a polynomial goes through, and from which step on the first
+#: points of a polynomial at long and short steps, and the least long step, s
 LONG, SHORT, LONG_STEP = 14, 10, 600.0
-#: epochs with velocities, where there are fewer
+#: most points of a polynomial with velocities
 _WITH_RATES = 7
-#: steps from which on epochs are apart
+#: steps between epochs from which on there is a gap
 _GAP = 2.5
-#: of satellites that have a name alone; catalogues have six digits
+#: first number for satellites that only have names; catalogue numbers have six digits
 _FIRST_NUMBER = 10_000_000
-#: m, off what its neighbours say: no coordinate of an orbit
+#: m, deviation from neighbouring epochs from which a position is wrong
 BAD = 200.0
 
 
 @dataclass(frozen=True)
 class Arc:
-    """Positions of one satellite without a gap, from one file.
+    """Positions of one satellite without gaps, from one file.
 
     Attributes
     ----------
     origin : float
         TAI, whole seconds since 1970-01-01.
     epochs : ndarray, shape (n,)
-        Seconds from there, ascending.
+        Seconds since `origin`, ascending.
     places : ndarray, shape (n, 3)
         ITRF, m.
     rates : ndarray, shape (n, 3), or None
-        There, m/s.
+        Velocities in ITRF, m/s.
     sigmas : ndarray, shape (n,)
-        Of a coordinate, m.
+        1-sigma of a coordinate, m.
     source, provider : str
-        File, and who computed it.
+        File, and its provider.
     count : int
-        Epochs of a polynomial; 0: by the step.
+        Points of a polynomial; 0: chosen by the step.
     """
 
     origin: float
@@ -84,31 +84,31 @@ class Arc:
 
     @property
     def wanted(self):
-        """Epochs of a polynomial, where there are enough."""
+        """Points of a polynomial, if there are enough."""
         return self.count or (LONG if self.step >= LONG_STEP else SHORT)
 
     @property
     def width(self):
-        """Epochs of a polynomial."""
+        """Points of a polynomial, as available."""
         return min(self.wanted, len(self.epochs))
 
     @property
     def step(self):
-        """Between epochs, s."""
+        """Time between epochs, s."""
         return float(np.median(np.diff(self.epochs))) if len(self.epochs) > 1 else 0.0
 
     @property
     def begin(self):
-        """TAI."""
+        """First epoch, TAI."""
         return self.origin + self.epochs[0]
 
     @property
     def end(self):
-        """TAI."""
+        """Last epoch, TAI."""
         return self.origin + self.epochs[-1]
 
     def still(self, at, fewer=0):
-        """Positions in the axes of ITRF at the origin, which do not turn on, shape (m, 3), m."""
+        """Positions in non-rotating axes, those of ITRF at the origin, shape (m, 3), m."""
         if self._moving is not None:
             count = max(min(_WITH_RATES, len(self.epochs)) - fewer // 2, 1)
             return hermite(self.epochs, self._still, self._moving, at, count)
@@ -119,21 +119,21 @@ class Arc:
         return turned(self.still(at), TURN_RATE * at)
 
     def between(self, at):
-        """Error of a coordinate of the polynomial itself, about, shape (m,), m."""
+        """Approximate interpolation error of a coordinate, shape (m,), m."""
         return _left_out(*(self.still(at, fewer) for fewer in (0, 2, 4))) / np.sqrt(3.0)
 
     def sigma(self, at):
-        """Of a coordinate, shape (m,), m: of the orbit, and of what is between its epochs."""
+        """1-sigma of a coordinate, shape (m,), m: error of the orbit and of the interpolation."""
         return np.hypot(np.interp(at, self.epochs, self.sigmas), self.between(at))
 
     def roughness(self):
-        """How far epochs are from what their neighbours say, and how far that may be, m.
+        """Deviations of epochs from their neighbours, and the expected deviations, m.
 
         Returns
         -------
         off, expected : ndarray, shape (n,)
-            `expected` is what a polynomial of that degree leaves out. Near the ends, where it goes
-            on beyond its epochs, what they are rounded to makes metres. Empty of few epochs.
+            `expected` is the interpolation error of such a polynomial. Near the ends, where it
+            extrapolates, rounding of the epochs causes metres. Empty for few epochs.
         """
         if self._moving is not None or len(self.epochs) < 8:
             return np.empty(0), np.empty(0)
@@ -142,7 +142,7 @@ class Arc:
         return np.linalg.norm(found[0] - self._still, axis=1), _left_out(*found)
 
     def _between(self, width):
-        """Where epochs are by the `width` others about them, shape (n, 3)."""
+        """Positions at epochs, interpolated from the `width` others around them, shape (n, 3)."""
         rows = np.arange(len(self.epochs))
         first = np.clip(rows - width // 2, 0, len(rows) - width - 1)
         beside = first[:, None] + np.arange(width)
@@ -161,7 +161,7 @@ class Arc:
                        sigmas=self.sigmas[keep])
 
     def parts(self):
-        """The same, cut where epochs are missing, a list of `Arc`; lone epochs are dropped."""
+        """The arc split at gaps, a list of `Arc`; single epochs are dropped."""
         cuts = np.flatnonzero(np.diff(self.epochs) > _GAP * self.step) + 1
         out = []
         for part in np.split(np.arange(len(self.epochs)), cuts):
@@ -172,7 +172,7 @@ class Arc:
         return out
 
     def followed(self, later):
-        """One arc of this one and of another that goes on where it ends."""
+        """This arc joined with one that continues it."""
         shift = later.origin - self.origin
         both = self.rates is not None and later.rates is not None
         return replace(
@@ -183,15 +183,15 @@ class Arc:
             source=f'{self.source}, {later.source}', provider=self.provider)
 
     def goes_on(self, later):
-        """Whether another begins one step after this one ends."""
+        """Whether another arc starts one step after the end of this one."""
         return (abs(self.step - later.step) < 1e-3
                 and 0.5 * self.step < later.begin - self.end < 1.5 * self.step)
 
 
 def _left_out(best, fewer, fewest):
-    """About how far polynomials of ever fewer epochs, shape (m, 3), are from the truth, shape (m,).
+    """Approximate error of the best of three polynomials with fewer and fewer points, shape (m,).
 
-    What the last step added, as much smaller again as it was than the step before.
+    The last change, reduced by the ratio of the last two changes; inputs have shape (m, 3).
     """
     last, before = (np.linalg.norm(one - other, axis=1)
                     for one, other in ((best, fewer), (fewer, fewest)))
@@ -200,14 +200,14 @@ def _left_out(best, fewer, fewest):
 
 @dataclass(frozen=True)
 class Orbit:
-    """Where one satellite is, by the arcs of one or several files.
+    """Orbit of one satellite, from the arcs of one or several files.
 
     Attributes
     ----------
     name : str
-        As files call it: ``G18``, ``L52``.
+        Name in the files: ``G18``, ``L52``.
     arcs : tuple of Arc
-        Of several that have a time the last one counts.
+        If several cover a time, the last one is used.
     """
 
     name: str
@@ -218,7 +218,7 @@ class Orbit:
 
     @property
     def number(self):
-        """Beyond those of catalogues, of its name: the same wherever it is read."""
+        """A number above those of catalogues, derived from the name: always the same."""
         return _FIRST_NUMBER + crc32(self.name.encode()) % _FIRST_NUMBER
 
     @property
@@ -239,7 +239,7 @@ class Orbit:
         time : float or ndarray
             UTC, seconds since 1970-01-01.
         rest : float or ndarray
-            Seconds after that, apart so that no digit is lost.
+            Seconds after that, separate to keep all digits.
 
         Returns
         -------
@@ -249,16 +249,16 @@ class Orbit:
         Raises
         ------
         ValueError
-            A time that no arc has.
+            No arc covers a time.
         """
         return self._by_arc(time, rest, Arc.itrf, 3)
 
     def sigma(self, time, rest=0.0):
-        """Standard deviation of a coordinate, shape (...), m; parameters as of `itrf`."""
+        """Standard deviation of a coordinate, shape (...), m; parameters as in `itrf`."""
         return self._by_arc(time, rest, lambda arc, at: arc.sigma(at)[:, None], 1)[..., 0]
 
     def has(self, time):
-        """Whether a time is in an arc, bool or ndarray of bool; light sent then is seen."""
+        """Whether an arc covers a time and the light travel before it, bool or ndarray of bool."""
         tai = np.asarray(time, float) + leap_seconds(time)
         return np.any([(tai >= arc.begin + 1.0) & (tai <= arc.end) for arc in self.arcs], axis=0)
 
@@ -284,7 +284,7 @@ class Orbit:
 
 
 def window(epochs, time, count):
-    """Which epochs a polynomial goes through.
+    """Choose the epochs of a polynomial.
 
     Parameters
     ----------
@@ -292,12 +292,12 @@ def window(epochs, time, count):
         Ascending.
     time : ndarray, shape (m,)
     count : int
-        Of epochs; at most n.
+        Number of epochs; at most n.
 
     Returns
     -------
     ndarray of int, shape (m, count)
-        As many before the time as after it, where there are.
+        Indices; as many before the time as after it, if available.
     """
     first = np.searchsorted(epochs, time, 'right') - count // 2
     if count % 2:  # the nearest in the middle
@@ -308,7 +308,7 @@ def window(epochs, time, count):
 
 
 def _weights(nodes):
-    """Barycentric weights of nodes, shape (m, k), and what they differ by, (m, k, k)."""
+    """Barycentric weights of nodes, shape (m, k), and their differences, (m, k, k)."""
     spacing = nodes[:, :, None] - nodes[:, None, :]
     k = np.arange(nodes.shape[1])
     spacing[:, k, k] = 1.0
@@ -316,16 +316,16 @@ def _weights(nodes):
 
 
 def _in_units(epochs, rows, time):
-    """Nodes and time of each window from its middle on, in steps of it, and the step."""
+    """Nodes and time of each window relative to its middle, in units of its step, and the step."""
     nodes = epochs[rows]
     middle, step = nodes[:, [nodes.shape[1] // 2]], (nodes[:, 1] - nodes[:, 0])[:, None]
     return (nodes - middle) / step, (time[:, None] - middle) / step, step
 
 
 def lagrange(epochs, values, time, count):
-    """Polynomial of degree count - 1 through the epochs about each time.
+    """Polynomial of degree count - 1 through the epochs around each time.
 
-    In its barycentric form (Berrut and Trefethen 2004, SIAM Review 46, 501).
+    In barycentric form (Berrut and Trefethen 2004, SIAM Review 46, 501).
 
     Parameters
     ----------
@@ -351,15 +351,15 @@ def lagrange(epochs, values, time, count):
 
 
 def hermite(epochs, values, rates, time, count):
-    """Polynomial of degree 2 count - 1 through values and rates of the epochs about each time.
+    """Polynomial of degree 2 count - 1 through values and rates at the epochs around each time.
 
-    By the squares of Lagrange's factors.
+    Uses the squares of Lagrange's basis polynomials.
 
     Parameters
     ----------
     epochs : ndarray, shape (n,)
     values, rates : ndarray, shape (n, c)
-        The rates in units of the values in that of the epochs.
+        Rates per unit of the epochs.
     time : ndarray, shape (m,)
     count : int
 

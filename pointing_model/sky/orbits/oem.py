@@ -14,8 +14,8 @@
 
 """OEM: orbit ephemeris messages of the CCSDS, as keywords and values (CCSDS 502.0-B-3, 2023).
 
-Blocks of metadata, rows of date, position (km) and velocity (km/s), covariances. Frames ITRF,
-EME2000 and TEME; the latter two are turned into ITRF at each epoch.
+Blocks of metadata, rows of date, position (km) and velocity (km/s), and covariances. Frames ITRF,
+EME2000 and TEME; the latter two are transformed to ITRF at each epoch.
 """
 
 import re
@@ -36,7 +36,7 @@ _KEY = re.compile(r'\s*([A-Z_0-9]+)\s*=\s*(.*?)\s*$')
 
 
 def looks_like(lines):
-    """Whether this is an OEM in keywords."""
+    """Whether this is an OEM with keywords."""
     return any(line.strip().startswith('CCSDS_OEM_VERS') for line in lines[:5])
 
 
@@ -56,8 +56,8 @@ def read(path, lines):
     Raises
     ------
     ValueError
-        One line: a frame, a centre or a time scale that is not known, a date or a number that is
-        none.
+        One line: an unknown frame, centre or time scale, or an invalid date or
+        number.
     """
     head, block, where, out = {}, None, '', []
     for at, line in enumerate(lines, 1):
@@ -87,7 +87,7 @@ def read(path, lines):
 
 
 class _Block:
-    """Metadata, and the rows that belong to them."""
+    """Metadata and the rows that follow."""
 
     def __init__(self, path, originator):
         self._path, self._originator = path, originator
@@ -95,7 +95,7 @@ class _Block:
         self._lines, self._dates, self._numbers = [], [], []
 
     def take(self, at, text):
-        """A row of date, position and velocity."""
+        """Read a row with date, position and velocity."""
         date, *words = text.split()
         if len(words) < 3:
             raise ValueError(f'{self._path}, line {at}: {len(words)} numbers after the date; three '
@@ -144,7 +144,7 @@ class _Block:
         return np.floor(tai), rest + np.round(tai - np.floor(tai), 6)
 
     def _sigmas(self, count, tai, scale):
-        """Of a coordinate, by the covariances where there are some."""
+        """1-sigma of a coordinate, from the covariances if there are any."""
         moments, sigmas, rows = [], [], []
         for at, text in [*self.covariance, (0, 'EPOCH =')]:
             found = _KEY.match(text)
@@ -164,7 +164,7 @@ class _Block:
 
 
 def _calendar(date):
-    """A date by the day of the year as one of the calendar."""
+    """Convert a date with day of year to a calendar date."""
     found = _DAY_OF_YEAR.match(date)
     if not found:
         return date
@@ -186,7 +186,7 @@ def _terrestrial(frame, whole, rest, places, rates):
         turn = erfa.ufunc.rz(erfa.ufunc.gmst82(*ut1), np.eye(3))
         matrix = erfa.ufunc.rxr(pole, turn)
     else:
-        # EME2000 is the mean equator and equinox of J2000, beside GCRS by the frame bias
+        # EME2000 is the mean equator and equinox of J2000, offset from GCRS by the frame bias
         to_mean = erfa.bp00(erfa.DJ00, 0.0)[0]
         celestial = erfa.ufunc.c2t06a(*tt, *ut1, orientation.xp, orientation.yp)
         matrix = np.einsum('nij,kj->nik', celestial, to_mean)

@@ -12,22 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How far off an orbit is where its file does not say."""
+"""Typical orbit errors, for files that do not state them."""
 
 import numpy as np
 
-#: m, of a coordinate where a file does not say: an orbit that was fitted to data; a prediction of a
-#: low satellite and of a high one on its first day, and how it grows in a day. Predictions of one
-#: satellite by several providers differ by 40 to 420 m.
+#: error of a coordinate, m: of an orbit fitted to data; of predictions: upper limit of the orbit's
+#: radius (low satellites, then high ones), error on the first day, and growth per day. Predictions
+#: for one satellite by several providers differ by 40 to 420 m.
 FITTED = 0.1
 PREDICTED = ((8.4e6, 60.0, 120.0), (np.inf, 20.0, 20.0))
-#: m, of a coordinate by two-line elements: revolutions a day above which an orbit is such, its
-#: error at the epoch of the elements, and how it grows in a day
+#: error of a coordinate from two-line elements, m: lower limit of the revolutions per day, error at
+#: the epoch of the elements, and growth per day
 ELEMENTS = ((11.25, 700.0, 1000.0), (-np.inf, 400.0, 100.0))
 
 
 def usual_sigma(places, tai, predicted, issued=None):
-    """Of a coordinate of each position.
+    """Typical 1-sigma of a coordinate at each position.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def usual_sigma(places, tai, predicted, issued=None):
         Seconds since 1970-01-01.
     predicted : bool
     issued : float, optional
-        TAI from which a prediction ages; by default its first.
+        TAI from which the error of a prediction grows; by default its first epoch.
 
     Returns
     -------

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Orbits from one or several files, whatever their kinds: known by content, joined by satellite.
+"""Orbits from one or several files: formats recognized by content, joined by satellite.
 
-Files may be plain, gzip, or as ``compress`` writes them (.Z), as archives keep them.
+Files may be plain, or compressed by gzip or ``compress`` (.Z), as in archives.
 """
 
 import gzip
@@ -32,24 +32,24 @@ from .time_scales import utc_text
 
 _GZIP, _COMPRESS = b'\x1f\x8b', b'\x1f\x9d'
 _BLOCK, _CLEAR, _MAGIC = 0x80, 256, 3
-#: bytes: more is no orbit
+#: largest plausible uncompressed size, bytes
 _MOST = 400_000_000
 _MODULES = [import_module(f'.{name}', __package__) for name in sorted(
     module.name for module in iter_modules([str(Path(__file__).parent)]))
     if name != Path(__file__).stem]
-#: what modules of this package declare
+#: formats declared by the modules of this package
 FORMATS = [one for module in _MODULES for one in getattr(module, 'ORBIT_FORMATS', ())]
-#: m, from which on a jump where files overlap is reported
+#: least discontinuity between overlapping files that is reported, m
 _JUMP = 1.0
 
 
 class Orbits:
-    """The satellites of some files.
+    """The satellites in some files.
 
     Attributes
     ----------
     notes : list of str
-        What was left out or does not fit, for people.
+        Data that were left out or are inconsistent, for people.
     """
 
     def __init__(self, paths):
@@ -63,16 +63,16 @@ class Orbits:
 
     @property
     def names(self):
-        """Of the satellites, sorted."""
+        """Names of the satellites, sorted."""
         return sorted({one.name for found in self._found.values() for _, one in found})
 
     def orbit(self, name=None):
-        """The orbit of a satellite by all files that have it.
+        """Orbit of a satellite from all files that contain it.
 
         Parameters
         ----------
         name : str, optional
-            Its name or number; needed where there are several.
+            Its name or number; required if there are several satellites.
 
         Returns
         -------
@@ -81,7 +81,7 @@ class Orbits:
         Raises
         ------
         ValueError
-            There is no such satellite, or none is named of several.
+            There is no such satellite, or no name is given although there are several.
         """
         there = self.names
         if name is None:
@@ -100,7 +100,7 @@ class Orbits:
     def _find(self, name):
         plain = _plain(name)
         number = plain.removeprefix('PRN')
-        names = (plain, number, f'G{number:0>2}')  # those of GPS are often given as numbers
+        names = (plain, number, f'G{number:0>2}')  # GPS satellites are often given by number
         return next((self._found[one] for one in names if one in self._found), [])
 
     def _joined(self, name, found):
@@ -156,12 +156,12 @@ def _listed(names):
 
 
 def read_text(path):
-    """Lines of a file, whatever it is compressed with, by its first bytes.
+    """Lines of a file, decompressed if its first bytes require it.
 
     Raises
     ------
     ValueError
-        It is cut or damaged.
+        It is truncated or damaged.
     OSError
         It cannot be read.
     """
@@ -178,7 +178,7 @@ def read_text(path):
 
 
 def _uncompressed(data):
-    """Of LZW as ``compress`` writes it: codes of 9 bits and more, in groups of eight."""
+    """Decompress LZW of ``compress``: codes of 9 or more bits, in groups of eight."""
     flags = data[2]
     most, block = flags & 0x1f, bool(flags & _BLOCK)
     table = [bytes([i]) for i in range(256)] + ([b''] if block else [])
@@ -189,7 +189,7 @@ def _uncompressed(data):
         code = int.from_bytes(data[first:first + 4], 'little') >> (at & 7) & (1 << width) - 1
         at += width
         if block and code == _CLEAR:
-            # codes of one width fill whole groups of eight
+            # codes of one width are padded to whole groups of eight
             at, table, before = _group_end(start, at, width), table[:257], None
             width, start = 9, at
             continue

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a reader of an orbit file gives, and what each reader declares."""
+"""Result of a reader of orbit files, and its declaration."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,24 +23,24 @@ from .ephemeris import BAD, Arc
 from .orbit_errors import usual_sigma
 from .time_scales import utc_text
 
-#: m, of a coordinate between epochs: more is reported
+#: least interpolation error of a coordinate that is reported, m
 COARSE = 0.3
 
 
 @dataclass
 class ObjectRows:
-    """Positions of one satellite as a file has them.
+    """Positions of one satellite in a file.
 
     Attributes
     ----------
     name : str
         ``G18``, ``L52``, ``lageos2``.
     other_names : tuple of str
-        Under which it is found, too: numbers of catalogues.
+        Additional names: catalogue numbers.
     lines : ndarray of int, shape (n,)
-        In the file.
+        Line numbers in the file.
     whole, rest : ndarray, shape (n,)
-        TAI, whole seconds since 1970-01-01, and what is beside.
+        TAI, whole seconds since 1970-01-01, and the fraction.
     places : ndarray, shape (n, 3)
         ITRF, m; NaN: none.
     rates : ndarray, shape (n, 3), or None
@@ -50,9 +50,9 @@ class ObjectRows:
     provider : str
     predicted : bool
     issued : float or None
-        TAI at which a prediction begins to age; None: its first epoch.
+        TAI from which the error of a prediction grows; None: its first epoch.
     count : int
-        Epochs of a polynomial; 0: by the step.
+        Points of a polynomial; 0: chosen by the step.
     """
 
     name: str
@@ -69,12 +69,12 @@ class ObjectRows:
     other_names: tuple = field(default_factory=tuple)
 
     def arcs(self, path, notes):
-        """Arcs of the rows, a list of `Arc`; what was left out is added to `notes`.
+        """Arcs of the rows, a list of `Arc`; adds what was left out to `notes`.
 
         Raises
         ------
         ValueError
-            Epochs are not in order, or fewer than two are left.
+            Epochs are not in order, or fewer than two remain.
         """
         good = np.isfinite(self.places).all(axis=1) & np.any(self.places != 0.0, axis=1)
         if good.sum() < 2:
@@ -110,10 +110,10 @@ class ObjectRows:
 
 
 def _sound(arc, path, rows, notes):
-    """The arc without epochs that are no positions of its orbit, and its own roughness as sigma."""
+    """The arc without outlying epochs, with its own roughness as least sigma."""
     while True:
         off, expected = arc.roughness()
-        # beside a bad epoch nothing is expected of the others
+        # next to a bad epoch no reliable deviation is expected
         beyond = np.where(expected < BAD, off, 0.0)
         if not len(off) or beyond.max() < BAD:
             break
@@ -147,12 +147,12 @@ def _sound(arc, path, rows, notes):
 
 @dataclass(frozen=True)
 class OrbitFormat:
-    """A kind of orbit file.
+    """A format of orbit files.
 
     Attributes
     ----------
     wording : str
-        For people.
+        Name for people.
     looks_like : callable
         Lines -> bool.
     read : callable
@@ -165,7 +165,7 @@ class OrbitFormat:
 
 
 def number(text, path, line, what):
-    """A number of a file; ValueError: it is none, one line for people."""
+    """Number from a file; ValueError with one line for people if it is invalid."""
     try:
         return float(text)
     except ValueError:

@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """SP3: orbits of the IGS and the ILRS, versions a to d (S. Hilla, The Extended Standard Product 3
-Orbit Format, 2016), as the files are rather than as they should be.
+Orbit Format, 2016), including common deviations from the standard.
 
 The end line may be missing, comments begin with ``/*`` or ``%/*``, a time scale of ``ccc`` is GPS
-time, SP3-a has GPS alone and numbers in place of names. Clocks are not read; velocities are in
-dm/s; a position of zeros is none.
+time, SP3-a has only GPS, with numbers as names. Clocks are not read; velocities are in dm/s; a
+position of zeros means none.
 """
 
 import re
@@ -28,7 +28,7 @@ from .orbit_table import ObjectRows, OrbitFormat, number
 from .time_scales import SCALES, calendar_seconds, tai_of
 
 _HEAD = re.compile(r'#[a-d][PV ]')
-#: coordinate systems that turn with the Earth: names of realisations of ITRF, and of providers
+#: coordinate systems that rotate with the Earth: realisations of ITRF, and names of providers
 _TERRESTRIAL = re.compile(r'(I[TG0-9]|ITR|IGS|IGB|SLR|WGS|ECE|PZ|GTR|UND|CGC|BDC|ETR|$)', re.I)
 _SPLIT = (slice(4, 18), slice(18, 32), slice(32, 46))
 _EXPONENTS = (slice(61, 63), slice(64, 66), slice(67, 69))
@@ -57,7 +57,7 @@ def read(path, lines):
     Raises
     ------
     ValueError
-        One line: a frame or a time scale that is not known, a date or a number that is none.
+        One line: an unknown frame or time scale, or an invalid date or number.
     """
     head = _Head(path, lines)
     dates, rows, rates = [], {}, {}
@@ -103,7 +103,7 @@ def _rows(name, table, whole, rest, rates, head):
 
 
 class _Head:
-    """What lines before the first epoch say."""
+    """Contents of the lines before the first epoch."""
 
     def __init__(self, path, lines):
         first = lines[0].ljust(60)
@@ -133,7 +133,7 @@ class _Head:
                        if code.strip().isdigit() and int(code) and name.strip() not in ('', '0')}
 
     def name(self, text):
-        """Of a satellite: ``' 18'`` of SP3-a is G18."""
+        """Name of a satellite: ``' 18'`` in SP3-a is G18."""
         text = text.strip()
         if text.isdigit():
             return f'G{int(text):02d}'
@@ -141,7 +141,7 @@ class _Head:
                                    else text[1:])
 
     def exponents(self, line):
-        """Sigma of the coordinates by the exponents in a row of versions c and d, m; else NaN."""
+        """Sigma of the coordinates from the exponents in a row of versions c and d, m; else NaN."""
         texts = [line[part].strip() for part in _EXPONENTS]
         if self.version in 'ab' or not all(text.isdigit() for text in texts):
             return (np.nan,)

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Seconds that every orbit counts in, TAI, from the time scales of files and from UTC.
+"""TAI seconds, used by all orbits, from the time scales of files and from UTC.
 
-All are seconds since 1970-01-01 with days of 86 400 s, in two parts where a file has a fraction:
-whole seconds are exact, and one float of a Julian date is not (40 us, 0.0007" of a low satellite).
+All times are seconds since 1970-01-01 with days of 86 400 s, with a separate fraction if a file has
+one: whole seconds are exact, which a float Julian date is not (40 us, 0.0007" for a low satellite).
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ import numpy as np
 from ..earth import DAY, MJD_1970, check_time
 from ..iers_tables import learn_leap_seconds, tai_utc
 
-#: TAI less the scale, s; of UTC there is a table
+#: TAI - scale, s; for UTC there is a table
 _BEHIND = {'TAI': 0.0, 'GPS': 19.0, 'GAL': 19.0, 'QZS': 19.0, 'IRN': 19.0, 'BDT': 33.0,
            'TT': -32.184}
 #: GLO is UTC
@@ -31,7 +31,7 @@ SCALES = ('UTC', 'GLO', *_BEHIND)
 
 
 def calendar_seconds(dates):
-    """Whole seconds since 1970 of calendar dates, and the rest; no scale is meant.
+    """Whole seconds since 1970 of calendar dates, and the fraction, in any time scale.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def calendar_seconds(dates):
     Returns
     -------
     whole, rest : ndarray, shape (n,)
-        NaN where there is no such date.
+        NaN for invalid dates.
     """
     year, month, day, hour, minute, second = np.asarray(dates, float).T
     good = (np.isin(month, np.arange(1, 13)) & (day >= 1) & (day <= 31) & (hour >= 0)
@@ -57,7 +57,7 @@ def calendar_seconds(dates):
 
 
 def leap_seconds(time):
-    """TAI - UTC (s) at UTC seconds since 1970-01-01, of the shape of `time`."""
+    """TAI - UTC (s) at UTC seconds since 1970-01-01, with the shape of `time`."""
     time = np.asarray(time, float)
     check_time(time)
     learn_leap_seconds()
@@ -68,18 +68,18 @@ def leap_seconds(time):
 
 
 def tai_of(time, scale):
-    """TAI of seconds in a scale.
+    """TAI from seconds in another scale.
 
     Parameters
     ----------
     time : float or ndarray
     scale : str
-        Of `SCALES`.
+        One of `SCALES`.
 
     Raises
     ------
     ValueError
-        The scale is not known.
+        The scale is unknown.
     """
     if scale not in SCALES:
         raise ValueError(f'time scale {scale} is not known; known are {", ".join(SCALES)}')
@@ -87,11 +87,11 @@ def tai_of(time, scale):
 
 
 def utc_of(tai):
-    """UTC of TAI seconds: the inverse of `tai_of`."""
+    """UTC from TAI seconds: the inverse of `tai_of`."""
     return tai - leap_seconds(tai - leap_seconds(tai))
 
 
 def utc_text(tai):
-    """TAI seconds as a date of UTC for people, to the second."""
+    """TAI seconds as a UTC date for people, to the second."""
     stamp = np.datetime64(int(round(float(utc_of(np.asarray(tai, float))))), 's')
     return str(stamp).replace('T', ' ')
