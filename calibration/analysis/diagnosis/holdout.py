@@ -37,8 +37,8 @@ from .reading_fits import MOST_LEFT_OUT
 #: median and 64 below 2 times
 BAD_NIGHT = 2.0
 #: a night contradicts the effects if its mean square grows with them by more than this many
-#: standard errors
-_CONTRADICTS = 3.0
+#: standard errors: of a true effect it falls
+_CONTRADICTS = 2.0
 #: driver that never repeats: its effect in one night predicts nothing for another
 _CLOCK = 'time'
 #: parameters that mark such an effect: a drift or a jump, not a wave

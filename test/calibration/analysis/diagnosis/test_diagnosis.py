@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from simulated import FAST, SITE, TRUTH, backlash, names, night, oval_disc
 
-from calibration.analysis.diagnosis import validation
+from calibration.analysis.diagnosis import holdout, validation
 from calibration.analysis.diagnosis.base_terms import Base
 from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.observations import observations
@@ -540,3 +540,11 @@ def test_a_held_out_night_that_contradicts_is_not_called_bad():
         assert one['contradicts'] == bool(contradicts)
         said = paragraph(result.cautions)
         assert ('contradicts what was found: ' in said) == bool(contradicts)
+
+
+def test_few_rows_without_an_effect_contradict_it():
+    """Forty rows without an effect as large as their noise; with it hardly any would."""
+    shape, rng = np.sqrt(2.0) * np.cos(np.arange(80.0)).reshape(2, 40), np.random.default_rng(1)
+    noise = rng.normal(size=(100, 2, 40))
+    assert sum(holdout._contradicts(one, one - 0.8 * shape) for one in noise) > 90
+    assert not any(holdout._contradicts(one + 0.8 * shape, one) for one in noise)
