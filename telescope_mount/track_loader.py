@@ -243,4 +243,3 @@ def _joined(parts):
     every = sorted({name for part in parts for name in part})
     return {name: np.concatenate([part.get(name, np.full(len(part['time']), np.nan))
                                   for part in parts]) for name in every}
-

@@ -204,7 +204,7 @@ def _memories(sequence):
 
 def _evidence(columns, b, precision, noise):
     fit = PriorFit(gram_of(noise.whiten(columns), noise.whiten(b)), noise.count, precision)
-    return -0.5 * (fit.square + fit.log_det + noise.log_det)
+    return fit.evidence - 0.5 * noise.log_det
 
 
 def white_sigmas(root):

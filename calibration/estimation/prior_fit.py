@@ -90,11 +90,12 @@ class PriorFit:
         return float(off - right @ self.covariance @ right)
 
     @property
-    def log_det(self):
-        """ln of the determinant of the inverse covariance of the coefficients."""
+    def evidence(self):
+        """ln of the marginal likelihood, but for the determinants of the noise and the prior."""
         values, _, length = self._spectrum
-        return float(np.sum(np.log(np.maximum(values, RCOND**2 * values[-1])))
-                     + 2.0 * np.sum(np.log(length)))
+        log_det = float(np.sum(np.log(np.maximum(values, RCOND**2 * values[-1])))
+                        + 2.0 * np.sum(np.log(length)))
+        return -0.5 * (self.square + log_det)
 
 
 def gram_of(columns, values):

@@ -59,7 +59,9 @@ def _zero_of_power_on(found):
 def _stamps(found):
     word = 'late' if found.size > 0.0 else 'early'
     scale = f', as if in {found.causes[0]} time' if found.causes[0] and found.size > 0.0 else ''
-    return (f'the time stamps are {abs(found.size):g} s {word}{scale}: {found.before:.0f}" becomes '
+    late = abs(found.size)
+    size = f'{late / 3600.0:g} h' if late >= 3600.0 else f'{late:g} s'
+    return (f'the time stamps are {size} {word}{scale}: {found.before:.0f}" becomes '
             f'{found.after:.0f}" without that; give UTC')
 
 
@@ -115,6 +117,10 @@ KINDS = {
     'whole stamps': lambda found: (
         f'Every time stamp is a whole second, and rows scatter along the track by {found.size:.2f} '
         's. The stamps are rounded or cut off: they tell no clock. Write fractions of seconds'),
+    'stamps scatter': lambda found: (
+        f'Rows scatter along the track by {found.size:.3f} s from one to the next, far more than '
+        'across: their stamps do. Stamp each row where the encoder is latched or the shutter '
+        'opens, not where a message or file comes'),
     'miss reversed': lambda found: (
         f'The sign of {" and ".join(found.causes)} looks reversed: the other sign would leave '
         f'{found.after:.1f} in place of {found.before:.1f} arcsec'),

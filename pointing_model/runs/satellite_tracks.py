@@ -28,6 +28,8 @@ from .run import PointingRun
 _GAP = 1200.0
 #: parameters of site and air, common to all rows
 COMMON = 'height', 'latitude', 'longitude', 'refraction'
+#: relative decrease of the standard atmosphere's refraction per metre of height
+_AIR_OF_A_METRE = 1.18e-4
 #: name in rows of stars
 STARS = ''
 
@@ -188,6 +190,7 @@ def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=No
         for what, of in common.items():
             of[:, rows] = turn * motion.common[what]
         speed[rows], sigma[rows] = motion.speed, orbits[name].sigma(time[rows])
+    common['height and air'] = common['height'] - _AIR_OF_A_METRE * common['refraction']
     rates = moves['clock'] / np.stack((np.cos(el), np.ones(n)))
     run = PointingRun({**columns, 'az': az, 'el': el, 'star': label.astype(str),
                        'az_rate': rates[0], 'el_rate': rates[1]},

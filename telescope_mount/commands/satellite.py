@@ -71,7 +71,7 @@ def run(args):
     place = options.place_of(args)
     measured = load_tracks(args.tracks, args.orbit, args.object, args.stars, site=place.get('site'),
                            weather=place.get('weather'), mount=args.mount)
-    bias_free = tuple(orbit.name for orbit in map(_named(measured), args.time_bias))
+    bias_free = tuple(_named(measured, one) for one in args.time_bias)
     found = wrong_track(measured, bias_free)
     if found is not None:
         raise ValueError(f'{args.tracks[0]}: {wording(found)}')
@@ -104,16 +104,11 @@ def run(args):
                   page=args.report and render_tracks(fit, document, view, files))
 
 
-def _named(measured):
-    def named(text):
-        plain = text.strip().upper()
-        orbit = next((one for name, one in measured.orbits.items()
-                      if plain in (name.upper(), str(getattr(one, 'number', '')))), None)
-        if orbit is None:
-            raise ValueError(f'--time-bias {text}: no track of it; there are '
-                             f'{", ".join(measured.orbits)}')
-        return orbit
-    return named
+def _named(measured, text):
+    for name, orbit in measured.orbits.items():
+        if text.strip().upper() in (name.upper(), str(getattr(orbit, 'number', ''))):
+            return name
+    raise ValueError(f'--time-bias {text}: no track of it; there are {", ".join(measured.orbits)}')
 
 
 def _diagnosed(fit, document):

@@ -71,9 +71,12 @@ def test_where_a_satellite_was_seen_needs_no_encoder(ended, folder):
     assert code == 0 and 'do not determine the terms' in ' '.join(out.split())
 
 
-def test_stamps_of_another_scale_are_named(refused, folder):
+def test_stamps_of_another_scale_or_time_zone_are_named(refused, folder):
     line = refused('satellite', folder / 'late.csv', *orbits(folder))
     assert 'the time stamps are 18 s late, as if in GPS time' in line
+    tracks = made_tracks(np.random.default_rng(1), {'A01': 1, 'B02': 1})
+    path = write_track(folder / 'zone.csv', tracks, shift=5.5 * 3600.0)
+    assert 'the time stamps are 5.5 h late' in refused('satellite', path, *orbits(folder))
 
 
 @pytest.mark.parametrize(('text', 'more', 'message'), [

@@ -31,12 +31,15 @@ _ELSEWHERE, _NO_ZERO = 1.0 * DEG, 10.0 * DEG
 _MOST_BIAS = 10.0
 #: largest number of rows used; standard errors of the time along an orbit that are no wrong stamp
 _MOST, _SIGMAS = 300, 3.0
+#: offsets of time zones, s; largest radial RMS with one, rad: another satellite leaves more
+_ZONES = tuple(3600.0 * np.array([*range(1, 15), 3.5, 5.5, 9.5]))
+_OF_ZONE = 500.0 * ARCSEC
 #: iterations of reweighting
 _ROUNDS = 30
 
 
 def wrong_track(measured, bias_free=()):
-    """Whether stamps fit far better in another time scale, or shifted by an hour or some seconds,
+    """Whether stamps fit far better in another time scale, or shifted by hours or some seconds,
     or whether rows are far from the orbits with any stamps.
 
     Parameters
@@ -62,16 +65,16 @@ def wrong_track(measured, bias_free=()):
     least = _SIGMAS * float(np.median(own))
     elsewhere = _ELSEWHERE + _SIGMAS * float(np.median(own * np.hypot(*tracks.ahead)))
     tai = float(leap_seconds(float(np.median(measured.columns['time'][rows]))))
-    best = None
-    for late in sorted(late for late in {tai - 19.0, tai, 1.0, 2.0, 3.0, 3600.0} if late > least):
-        for shift in (late, -late):
+    best = now, 0.0
+    for late in (1.0, 2.0, 3.0, tai - 19.0, tai, *_ZONES):
+        for shift in (late, -late) if late > least else ():
             try:
                 left = _left(measured.tracks(-shift, rows))
             except ValueError:  # no orbit there
                 continue
-            if best is None or left < best[0]:
-                best = left, shift
-    if best is None or best[0] > min(_BETTER * now, elsewhere):
+            if late not in _ZONES or left < _OF_ZONE:
+                best = min(best, (left, shift))
+    if best[0] > min(_BETTER * now, elsewhere):
         return Finding('not the satellite', now / DEG, unit='deg') if now > elsewhere else None
     scale = {tai - 19.0: 'GPS', tai: 'TAI'}.get(best[1], '')
     return Finding('stamps off', best[1], unit='s', causes=(scale,), before=now / ARCSEC,

@@ -23,17 +23,13 @@ from pointing_model.pointing_terms import stacked_design
 
 #: name of the coefficient of the station's clock: delay of its stamps, s
 CLOCK = 'clock'
-#: height together with the standard atmosphere at that height
-HEIGHT_AND_AIR = 'height and air'
 #: smallest sigma of an orbit, m, whatever a file says
 _LEAST = 0.01
 #: orbit drifting along its track: distance of the knots, and correlation time, s
 _KNOTS, _DRIFT_MEMORY = 900.0, 7200.0
 #: error common to all rows -> its 1 sigma (m, rad, share of the refraction of ordinary air, s)
-COMMON_SIZES = {'height': 3000.0, HEIGHT_AND_AIR: 3000.0, 'latitude': 0.1 * DEG,
+COMMON_SIZES = {'height': 3000.0, 'height and air': 3000.0, 'latitude': 0.1 * DEG,
                 'longitude': 0.1 * DEG, 'refraction': 0.3, 'clock': 10.0}
-#: relative decrease of the standard atmosphere's refraction per metre of height
-_AIR_OF_A_METRE = 1.18e-4
 
 
 @dataclass
@@ -138,7 +134,8 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), wrong=()):
     parts = {}
     for name in wrong:
         if name in COMMON_SIZES:
-            add(f'common {name}', _common_move(tracks, name), np.arange(n), COMMON_SIZES[name])
+            move = -tracks.clock if name == CLOCK else tracks.common[name]
+            add(f'common {name}', move, np.arange(n), COMMON_SIZES[name])
             continue
         knots, covariance = _knots(tracks, tracks.objects.index(name))
         parts[name] = slice(len(names), len(names) + len(knots)), covariance
@@ -146,14 +143,6 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), wrong=()):
         columns += list(knots)
         variance += [1.0] * len(knots)
     return TrackColumns(tuple(names), np.array(columns), np.array(variance), len(terms), parts)
-
-
-def _common_move(tracks, name):
-    if name == 'clock':
-        return -tracks.clock
-    if name == HEIGHT_AND_AIR:
-        return tracks.common['height'] - _AIR_OF_A_METRE * tracks.common['refraction']
-    return tracks.common[name]
 
 
 def power_ons(run):

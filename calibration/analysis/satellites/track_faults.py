@@ -36,7 +36,7 @@ from ...estimation.prior_fit import PriorFit, gram_of
 from ...estimation.step_scan import probabilities
 from ..finding import Finding
 from .stamp_check import robustly_off
-from .track_columns import COMMON_SIZES, HEIGHT_AND_AIR
+from .track_columns import CLOCK, COMMON_SIZES
 from .track_fit import fit_tracks
 
 #: posterior probability from which something is wrong
@@ -79,7 +79,8 @@ def fault_chances(tracks, wrong=(), **options):
     dict of str to float
         By satellite, common error of `COMMON_SIZES`, '' for none; they sum to 1.
     """
-    names, shared = tracks.satellites, () if wrong else _may_be_wrong(tracks, options)
+    names, known = tracks.satellites, np.isfinite(options.get('clock_sigma', np.inf))
+    shared = () if wrong else (*tracks.common, *([CLOCK] if known else ()))
     # estimate the noise with all faults allowed, so that a fault does not enlarge it
     full = fit_tracks(tracks, wrong=wrong + names + shared, **options)
     columns, prior = full.columns, full.precision
@@ -87,14 +88,13 @@ def fault_chances(tracks, wrong=(), **options):
     faults = [(name, *columns.drifts[name], _SIZES, len(names)) for name in names]
     faults += [(name, _at(columns, f'common {name}'), np.eye(1),
                 COMMON_SIZES[name] * _COMMON_PARTS, len(shared)) for name in shared]
-    whole = np.ones(len(columns.names), bool)
-    plain = whole.copy()
+    plain = np.ones(len(columns.names), bool)
     for _, part, *_ in faults:
         plain[part] = False
     # an orbit early or late by a constant is one number, like a common error
     faults += [(name, _at(columns, f'ahead {name}'), columns.drifts[name][1][:1, :1], _SIZES,
                 len(names)) for name in names if name not in options.get('bias_free', ())]
-    cases = [('', plain, None, 0.0)]
+    cases = [('', plain, prior, 0.0)]
     for name, part, covariance, sizes, rivals in faults:
         kept = plain.copy()
         kept[part] = True
@@ -102,27 +102,27 @@ def fault_chances(tracks, wrong=(), **options):
         if plain[part].all():  # it has a prior without a fault, too
             log_det += np.log(prior[part, part].item())
         shapes = sum(name == one for one, *_ in faults)
-        cases += [(name, kept, (part, np.linalg.inv(covariance) / size**2), log_det + 2.0 * np.log(
-            size**len(covariance) * len(sizes) * rivals * shapes)) for size in sizes]
+        for size in sizes:
+            precision = prior.copy()
+            precision[part, part] = np.linalg.inv(covariance) / size**2
+            cases.append((name, kept, precision, -0.5 * log_det - np.log(
+                size**len(covariance) * len(sizes) * rivals * shapes)))
     logs = defaultdict(list)
     for noise, chance in full.noises:
         gram = gram_of(noise.whiten(columns.columns), noise.whiten(left))
         # `chance` is the posterior of this noise with all faults allowed
-        base = _evidence(gram, noise.count, prior, mean, whole, None, 0.0) - np.log(chance)
-        for name, *case in cases:
-            logs[name].append(_evidence(gram, noise.count, prior, mean, *case) - base)
+        base = np.log(chance) - PriorFit(gram, noise.count, prior, mean).evidence
+        for name, kept, precision, log_prior in cases:
+            rows = np.append(np.flatnonzero(kept), len(kept))
+            own = PriorFit(gram[np.ix_(rows, rows)], noise.count,
+                           precision[np.ix_(kept, kept)], mean[kept])
+            logs[name].append(base + own.evidence + log_prior)
     return probabilities({name: float(np.logaddexp.reduce(each)) for name, each in logs.items()})
 
 
 def _at(columns, name):
     place = columns.place(name)
     return slice(place, place + 1)
-
-
-def _may_be_wrong(tracks, options):
-    """Common errors of `COMMON_SIZES` that are possible for these tracks."""
-    clock = ('clock',) if np.isfinite(options.get('clock_sigma', np.inf)) else ()
-    return (*tracks.common, *((HEIGHT_AND_AIR,) if tracks.common else ()), *clock)
 
 
 def _before_orbits(fit):
@@ -132,34 +132,12 @@ def _before_orbits(fit):
     return (fit.after + fit.columns.orbits(fit.values)).ravel(), mean
 
 
-def _evidence(gram, count, prior, mean, kept, drift, log_prior):
-    precision = prior.copy()
-    if drift is not None:
-        part, inverse = drift
-        precision[part, part] = inverse
-    rows = np.append(np.flatnonzero(kept), len(kept))
-    own = precision[np.ix_(rows[:-1], rows[:-1])]
-    fit = PriorFit(gram[np.ix_(rows, rows)], count, own, mean[rows[:-1]])
-    return -0.5 * (fit.square + fit.log_det + log_prior)
+def _without_strays(tracks, least, **options):
+    """Reject passes far from the prediction of all others, or with mostly outliers.
 
-
-def stray_passes(tracks, least=0.0, **options):
-    """Passes far from the prediction of all others, or with mostly outliers.
-
-    Parameters
-    ----------
-    tracks : SatelliteTracks
-    least : float
-        rad on the sky. If most passes of a satellite are off, but by less than this, they are not
-        rejected: its orbit may be wrong.
-    **options
-        See `track_fit.fit_tracks`.
-
-    Returns
-    -------
-    list of Finding
-        For each pass its deviation, rad (NaN if rejected for its outliers); in `evidence` ``arc``,
-        ``begin`` (s) and ``rows``.
+    If most passes of a satellite are off, but by less than `least` (rad on the sky), they are not
+    rejected: its orbit may be wrong. Returns the other tracks, and a Finding for each rejected
+    pass: its deviation, rad (NaN if rejected for its outliers).
     """
     out, passes = [], np.unique(tracks.arc[~tracks.is_star])
     fit, known = fit_tracks(tracks, **options), options.get('held') is not None
@@ -170,9 +148,10 @@ def stray_passes(tracks, least=0.0, **options):
             out.append(_pass_finding(tracks, arc, np.nan))
     columns, root, prior = fit.columns, fit.noises[0][0].root, fit.precision
     left, mean = _before_orbits(fit)
-    white = columns.columns * root, left * root
-    grams = {arc: gram_of(*(one[..., both] for one in white)) for arc in np.unique(tracks.arc)
-             for both in [np.flatnonzero(np.tile(tracks.arc == arc, 2) & (root > 0.0))]}
+    used = {arc: np.flatnonzero(np.tile(tracks.arc == arc, 2) & (root > 0.0))
+            for arc in np.unique(tracks.arc)}
+    grams = {arc: gram_of(columns.columns[:, rows] * root[rows], left[rows] * root[rows])
+             for arc, rows in used.items()}
     for one in out:
         grams.pop(one.evidence['arc'])
     while sum(arc in passes for arc in grams) + (alone - len(passes)) > _PASSES:
@@ -180,11 +159,10 @@ def stray_passes(tracks, least=0.0, **options):
         square = PriorFit(whole, 0, prior, mean).square
         off = {}
         for arc in set(grams) & set(passes.tolist()):
-            fit_of_others = PriorFit(whole - grams[arc], 0, prior, mean)
-            both = np.tile(tracks.arc == arc, 2) & (root > 0.0)
-            far = left[both] - fit_of_others.coefficients @ columns.columns[:, both]
-            off[arc] = ((square - fit_of_others.square) / max(np.count_nonzero(both), 1),
-                        float(np.sqrt(2.0 * np.mean(far**2))) if both.any() else 0.0)
+            others, rows = PriorFit(whole - grams[arc], 0, prior, mean), used[arc]
+            far = left[rows] - others.coefficients @ columns.columns[:, rows]
+            off[arc] = ((square - others.square) / max(len(rows), 1),
+                        float(np.sqrt(2.0 * np.mean(far**2))) if len(rows) else 0.0)
         arc = max(off, key=lambda one: off[one][0])
         if off[arc][0] < _FAR**2:
             break
@@ -193,8 +171,10 @@ def stray_passes(tracks, least=0.0, **options):
     passes_of = Counter(tracks.objects[tracks.object[np.argmax(tracks.arc == arc)]]
                         for arc in passes)
     strays_of = Counter(one.causes[0] for one in out)
-    return [one for one in out if not one.size < least
-            or 2 * strays_of[one.causes[0]] < passes_of[one.causes[0]]]
+    found = [one for one in out if not one.size < least
+             or 2 * strays_of[one.causes[0]] < passes_of[one.causes[0]]]
+    strays = [one.evidence['arc'] for one in found]
+    return _renumbered(tracks.select(~np.isin(tracks.arc, strays))), found
 
 
 def _elsewhere(tracks, bias_free=(), **_):
@@ -216,7 +196,7 @@ def _elsewhere(tracks, bias_free=(), **_):
     # most rows must agree, of more than one pass
     if 2 * np.count_nonzero(out) > len(out) or len(np.unique(tracks.arc[~out])) < _PASSES:
         return tracks, []
-    return _renumbered(tracks.select(~out)) if found else tracks, found
+    return _renumbered(tracks.select(~out)), found
 
 
 def _pass_finding(tracks, arc, off, rows=None):
@@ -225,15 +205,6 @@ def _pass_finding(tracks, arc, off, rows=None):
         tracks.objects[tracks.object[rows[0]]],), evidence={
             'arc': int(arc), 'rows': len(rows),
             'begin': float(np.min(np.asarray(tracks.run['time'], float)[rows]))})
-
-
-def _without_passes(tracks, least, **options):
-    """The tracks without `stray_passes`, and Findings on these."""
-    found = stray_passes(tracks, least, **options)
-    if not found:
-        return tracks, found
-    strays = [one.evidence['arc'] for one in found]
-    return _renumbered(tracks.select(~np.isin(tracks.arc, strays))), found
 
 
 def fit_without_faults(tracks, **options):
@@ -252,7 +223,7 @@ def fit_without_faults(tracks, **options):
     """
     out, suspects, freed = [], {}, ()
     tracks, notes = _elsewhere(tracks, **options)
-    tracks, more = _without_passes(tracks, _GROSS, **options)
+    tracks, more = _without_strays(tracks, _GROSS, **options)
     notes += more
     while (kept := _without(tracks, out)).satellites:
         chances = fault_chances(kept, freed, **options)
@@ -274,7 +245,7 @@ def fit_without_faults(tracks, **options):
             suspects = {name: chances[name] for name in likely}
             break
         freed = likely
-    tracks, more = _without_passes(_without(tracks, out), 0.0, wrong=freed + tuple(suspects),
+    tracks, more = _without_strays(_without(tracks, out), 0.0, wrong=freed + tuple(suspects),
                                    **options)
     notes += more
     fit = fit_tracks(tracks, wrong=freed + tuple(suspects), **options)
@@ -305,11 +276,8 @@ def _mean_model(models, chances):
 
 def _without(tracks, names):
     """The tracks without some satellites."""
-    if not names:
-        return tracks
     bad = [tracks.objects.index(name) for name in names]
-    out = tracks.select(~np.isin(tracks.object, bad))
-    return _renumbered(out)
+    return _renumbered(tracks.select(~np.isin(tracks.object, bad)))
 
 
 def _renumbered(tracks):

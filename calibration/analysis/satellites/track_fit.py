@@ -32,7 +32,7 @@ from .track_columns import TrackColumns, track_columns
 _STEPS = 3
 #: a coefficient is separated if correlation with the others leaves at least this share of its
 #: information; from the second share on only if it is above `SIGNIFICANT` sigmas
-_SEPARATED, _HIDDEN, SIGNIFICANT = 0.5, 0.1, 2.0
+_SEPARATED, HIDDEN, SIGNIFICANT = 0.5, 0.1, 2.0
 #: error over the sky of a model from a dozen stars, relative to the noise of one: tracks with a
 #: larger one do not determine the terms
 _DOZEN = 0.54
@@ -94,7 +94,7 @@ class TrackFit:
         """Whether a coefficient is separated from the others, which cannot absorb it."""
         value, sigma = self[name]
         left = self.own_part(name)
-        return bool(left > _SEPARATED or left > _HIDDEN and abs(value) > SIGNIFICANT * sigma)
+        return bool(left > _SEPARATED or left > HIDDEN and abs(value) > SIGNIFICANT * sigma)
 
     def own_part(self, name):
         """Share of the information on a coefficient that is independent of the others, 0 to 1."""
@@ -102,10 +102,6 @@ class TrackFit:
             return 0.0
         at = self.columns.place(name)
         return float((self.fit.alone[at] / self.fit.sigma[at]) ** 2)
-
-    def hidden(self, name):
-        """Whether others absorb a coefficient nearly completely."""
-        return self.own_part(name) < _HIDDEN
 
     def sky_sigma(self):
         """Mean radial error over the sky from the covariance of the terms, RMS, rad."""
@@ -158,8 +154,8 @@ def with_origin(tracks):
     origin : sky_model.Origin or None
         None if the stars do not decide; then the tracks are unchanged.
     """
-    stars = np.array([name == STARS for name in tracks.objects])[tracks.object]
-    origin = origin_of_errors(tracks.run.select(stars)) if stars.any() else None
+    stars = tracks.run.select(tracks.is_star)
+    origin = origin_of_errors(stars) if len(stars) else None
     if origin is None or not origin.holds:
         return tracks, None
     return replace(tracks, run=with_errors(tracks.run, origin.holds)), origin

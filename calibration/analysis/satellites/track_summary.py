@@ -21,6 +21,7 @@ from pointing_model.rms import rms_arcsec
 
 from ..finding import Finding
 from .track_columns import CLOCK, power_ons
+from .track_fit import HIDDEN
 
 #: smallest reported time of a satellite along its orbit, s
 _LATE = 1e-4
@@ -29,9 +30,9 @@ _DISAGREE = 5.0
 #: fewest rows to test stamps and signs; tolerance of the slope 2 of residuals on a miss distance;
 #: smallest significance of the slope, sigmas
 _FEWEST, _NEAR_TWO, _CERTAIN = 10, 0.3, 8.0
-#: stamps rounded to seconds: smallest ratio of scatter along the track to that across; range of the
-#: scatter along the track, s (0.29 s expected)
-_ROUNDED, _LEAST_ROUND, _MOST_ROUND = 2.0, 0.2, 0.4
+#: stamps that scatter: smallest ratio of scatter along the track to that across; rounded to
+#: seconds: range of the scatter along the track, s (0.29 s expected)
+_SCATTERED, _LEAST_ROUND, _MOST_ROUND = 2.0, 0.2, 0.4
 
 
 def track_document(fit):
@@ -65,25 +66,29 @@ def track_document(fit):
     if CLOCK in fit.columns.names:
         value, sigma = fit[CLOCK]
         out['clock'] = {'late_s': value, 'sigma_s': sigma, 'separated': fit.separated(CLOCK)}
-    whole = _whole_stamps(fit)
-    if whole:
+    stamps = _scattered_stamps(fit)
+    if any(one.kind == 'whole stamps' for one in stamps):
         out.pop('clock', None)  # rounding makes it wrong
-    out['notes'] = [*fit.notes, *whole, *_reversed_miss(fit), *_findings(fit, out)]
+    out['notes'] = [*fit.notes, *stamps, *_reversed_miss(fit), *_findings(fit, out)]
     return out
 
 
-def _whole_stamps(fit):
-    """Finding if stamps are rounded to seconds: the scatter along the track matches rounding."""
+def _scattered_stamps(fit):
+    """Finding if stamps scatter: rows do along the track, row to row, much more than across."""
     tracks = fit.tracks
     rows = ~tracks.is_star & (fit.weights > 0.0)
     time = np.asarray(tracks.run['time'], float)[rows]
-    if len(time) < _FEWEST or np.any(time != np.round(time)):
-        return []
     along, across = (one[rows] for one in tracks.along(*fit.after))
-    late = float(np.std(along / np.hypot(*tracks.ahead[:, rows])))
-    if np.std(along) < _ROUNDED * np.std(across) or not _LEAST_ROUND < late < _MOST_ROUND:
+    if len(time) < _FEWEST or np.std(along) < _SCATTERED * np.std(across):
         return []
-    return [Finding('whole stamps', late, unit='s')]
+    late = float(np.std(along / np.hypot(*tracks.ahead[:, rows])))
+    if np.all(time == np.round(time)) and _LEAST_ROUND < late < _MOST_ROUND:
+        return [Finding('whole stamps', late, unit='s')]
+    # a wrong orbit drifts: its next row is off by as much
+    step, aside = (np.diff(one)[np.diff(tracks.arc[rows]) == 0] for one in (along, across))
+    if len(step) < _FEWEST or np.std(step) < _SCATTERED * np.std(aside):
+        return []
+    return [Finding('stamps scatter', late, unit='s')]
 
 
 def _reversed_miss(fit):
@@ -130,7 +135,7 @@ def _findings(fit, document):
     if not document['determined']:
         out.append(Finding('tracks determine no terms', sky))
     clock = document.get('clock')
-    if clock and fit.hidden(CLOCK):
+    if clock and fit.own_part(CLOCK) < HIDDEN:
         out.append(Finding('clock not separated', clock['late_s'], clock['sigma_s'], 's'))
     elif clock and abs(clock['late_s']) > 3.0 * clock['sigma_s']:
         out.append(Finding('clock late', clock['late_s'], clock['sigma_s'], 's'))

@@ -330,13 +330,21 @@ def test_a_part_of_a_pass_that_is_elsewhere_is_left_out_by_name():
     assert f'is left out with its {rows.sum()} rows' in worded(track_document(fit))['notes'][0]
 
 
-def test_stamps_of_whole_seconds_tell_no_clock():
+def test_stamps_of_whole_seconds_or_that_scatter_are_named():
     rng = np.random.default_rng(18)
     tracks = made_tracks(rng, FOUR)
     assert np.all(tracks.run['time'] % 1.0 == 0.0) and 'clock' in track_document(fit_tracks(tracks))
     rounded = off(tracks, *tracks.clock * rng.uniform(-0.5, 0.5, len(tracks)))
     document = worded(track_document(fit_tracks(rounded)))
     assert 'clock' not in document and 'Every time stamp is a whole second' in document['notes'][0]
+    # a message that comes early or late stamps so; an orbit that is off does it smoothly
+    moved = off(tracks, *tracks.clock * rng.normal(0.0, 0.05, len(tracks)))
+    document = worded(track_document(fit_tracks(moved)))
+    assert 'clock' in document
+    assert document['notes'][0].startswith('Rows scatter along the track by 0.05')
+    drifts = off(tracks, *tracks.ahead * 0.1 * np.sin(tracks.run['time'] / 300.0))
+    notes = worded(track_document(fit_tracks(drifts)))['notes']
+    assert not any('scatter' in note for note in notes)
 
 
 @pytest.mark.parametrize('signs', [(1, 1), (-1, 1), (1, -1), (-1, -1)])
