@@ -25,14 +25,14 @@ random angles of a disc, at both scales that the paper's figures allow (48 and 6
 The bound is the Cramer-Rao bound of the same image model: derivatives of the rendered image by
 the angle and by the unknown scale, contrast, ground level and shading (tilt and falloff of the
 illumination), with noise variance sigma^2 + 1/12 for the rounding. It is averaged over the
-angles. Printed beside it is the bound with the angle as the only unknown. Noise-only sigma is the
-scatter of repeated readings at one angle, so that a bias does not hide in it and none counts.
+angles. The bound with the angle as the only unknown is printed too. "Noise-only sigma" is the
+scatter of repeated readings at one angle: it contains no bias.
 
-Peers in the same run: the paper's method (`encoder_reading.paper_reader`), its Newton fit alone,
-on the same batch and vectorised in the same way, and `scipy.optimize.curve_fit` of its sine, both
-started from the decoded bars, which is not timed. Times are of one thread; the rounds alternate
-between the candidates and the median round is printed, as CPU time, which other load on the
-machine does not count into.
+Peers in the same run: the paper's method (`encoder_reading.paper_reader`), its Newton fit alone on
+the same batch, vectorised in the same way, and `scipy.optimize.curve_fit` of its sine. Both fits
+start from the decoded bars; decoding is not timed. Times are for one thread. Rounds alternate
+between the candidates, and the median round is printed as CPU time, which other load on the machine
+does not affect.
 """
 
 import argparse

@@ -23,12 +23,12 @@ process takes the readings off the wire, with the time at which each arrives.
 
 Latency is from the stamp to the arrival here: two passes through DDS, the rendering of two frames
 (which a real CCD would not need), the reading of both, and the scheduling of the machine. A
-reading is lost if a published stamp never comes back. Beside it is the latency of the true angles
-themselves, one pass through DDS to this process: what the machine costs without the node. On a
-busy machine --realtime (as root) gives the processes the scheduling that a control computer
-would give them. CPU is what the node's process used: above 1 ms a sample it cannot keep up at
-1 kHz. With --frames the simulator only renders, in a process of its own, and it is the node
-`frame_reader` that is pinned and measured, as with a real CCD.
+reading is lost if a published stamp never comes back. For comparison, the latency of the true
+angles, one pass through DDS to this process, is the cost without the node. On a busy machine
+--realtime (as root) gives the processes real-time scheduling, as on a control computer. CPU is the
+time of the node's process: above 1 ms per sample it cannot keep up at 1 kHz. With --frames a
+separate process only renders the frames, and the node `frame_reader` is pinned and measured, as
+with a real CCD.
 """
 
 import argparse

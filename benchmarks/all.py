@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Everything that is promised of speed, beside what a user would run instead, in one table.
+"""All speed targets, compared with what a user would run instead, in one table.
 
     python benchmarks/all.py                     # within two minutes
     python benchmarks/all.py --full              # all sizes, cost curves, judged by the history
     python benchmarks/all.py --part fit,sky --json figures.json
 
-Ratio: how many times as fast as the peer, or as the limit; both are measured in the same run, in
-turns, one numeric thread, best of the rounds. A full run is judged by `history.json`, which has the
-ratios by kind of processor: a line whose ratio is slower by a quarter than there in each of three
-runs one after the other makes it end with code 1, as a limit that is missed does. `--record` writes
-what was measured beside a peer into the history; seconds beside a limit are those of the machine.
-Peers come with the extras `bench` and `test`; one that is missing leaves its place empty.
+Ratio: speed relative to the peer or to the limit. Both are measured in the same run, in turns, with
+one numeric thread; the best round counts. A full run is compared with `history.json`, which holds
+the ratios for each kind of processor. The exit code is 1 if a ratio is a quarter slower than there
+in three runs in a row, or if a limit is missed. `--record` adds the ratios to peers to the history;
+times against a limit depend on the machine and are not recorded. Peers come with the extras `bench`
+and `test`; a missing one leaves its place empty.
 """
 
 import argparse

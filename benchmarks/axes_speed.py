@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Model to encoder and encoder to sky, beside katpoint 0.10.3.
+"""Speed of sky to encoder and encoder to sky, compared with katpoint 0.10.3.
 
     OMP_NUM_THREADS=1 python benchmarks/axes_speed.py [--rounds N]
 

@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Mounts that are off their pole, measured, turned by their bolts as told, measured again.
+"""Polar alignment: measure misaligned mounts, turn their bolts as recommended, repeat.
 
     python benchmarks/bolts.py [--mounts N] [--rows N] [--noise ARCSEC] [--first-order]
 
-A mount here is a base with a bolt in azimuth, about its own vertical, and one in altitude, about a
-hinge that the first one carries; on it stand the axes of `encoder_sim`, with zeros, a cone error,
-axes that are not square, and a tube that bends. A round is a run of plate solves on both sides of
-the pier, the seven terms fitted to it, and both bolts turned by what it says. Printed is how far
-the axis is from the pole after each round, against 10" and three standard errors of the last fit.
+A mount is a base with an azimuth bolt, about its own vertical, and an altitude bolt, about a hinge
+carried by the first. It carries the axes of `encoder_sim`, with zeros, cone error,
+non-perpendicular axes and tube flexure. A round is a run of plate solves on both pier sides, a fit
+of the seven terms, and a turn of both bolts by the result. Printed is the distance of the axis from
+the pole after each round, compared with 10" and three standard errors of the last fit.
 """
 
 import argparse

@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""By how much the camera's clock is off the encoder's: is it found, and nothing where it is not?
+"""Clock offset between camera and encoder: detection, accuracy and false detections.
 
     python benchmarks/clocks.py                  # three offsets, two seeds each
     python benchmarks/clocks.py --full           # eleven offsets, ten seeds each
 
-Simulated nights of processes (scenario `default`, exposures of 1 s): home, four stars, 24
-exposures of one star past which the axes drift at up to 30"/s, a fit. The incremental encoder
-stamps its readings early, which is the same as a camera that stamps late; the absolute one is in
-time with the camera.
+Simulated nights with all processes (scenario `default`, exposures of 1 s): home, four stars, 24
+exposures of one star while the axes drift past it at up to 30"/s, a fit. The incremental encoder
+stamps its readings early, which is equivalent to a camera that stamps late. The absolute encoder is
+synchronous with the camera.
 """
 
 import argparse

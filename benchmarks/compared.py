@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is ours beside what a user would run instead: rows for `all.py`, a function a part.
+"""Speed of our code and of what a user would run instead: rows for `all.py`, one function per part.
 
 Each takes `full` and returns a list of `race.Row`. A peer that is not installed leaves its place
 empty; the extras `bench` and `test` bring them.

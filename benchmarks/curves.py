@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How the cost of each main operation grows: time and memory at sizes over three decades.
+"""Scaling of the main operations: time and memory at sizes over three decades.
 
     python benchmarks/curves.py [--only fit,diagnosis]
 
-The power is that of the growth between the two largest sizes, less the cost of the smallest; none
-may be worse than n log n, in time or in memory.
+The exponent is that of the growth between the two largest sizes, after subtracting the cost of the
+smallest. None may be worse than n log n, in time or in memory.
 """
 
 import argparse

@@ -12,20 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which terms the stars determine, and whether what is printed of them can be trusted.
+"""Which terms do the stars determine, and are their printed errors correct?
 
     python benchmarks/determined.py [--runs N] [--first N] [--only WORD ...] [--full]
 
 Runs of three mounts with terms of up to 100 arcsec on skies that determine all of them or few: 8 to
 12 stars, one circle of the second axis, exactly and within 0.001 to 1 degree, two such circles, one
-elevation, two elevations, one side of the pier, a field of 5 degrees. The mount is simulated
-by rotations (scipy's, of readings to directions), the noise is 1 arcsec an axis (5 in the last
-kind, of 20 rows), given to the fit or not. Of each kind: runs that are refused (by the check of the
-columns, or by the fit); how many terms are undetermined; of the others the values beyond their 95 %
-interval, and runs with a value so far off as noise brings in 6e-7 of cases (5 sigmas; by Student's
-t with the degrees of freedom that are printed). `--full` makes 1000 runs of each kind. The values
-of a run go together, so the share has a standard error by runs; where it is nearer to a limit than
-that, three times as many runs are added.
+elevation, two elevations, one pier side, a field of 5 degrees. The mount is simulated by rotations
+(scipy's, from readings to directions). The noise is 1 arcsec per axis (5 in the last kind, of 20
+rows), known to the fit or not. Printed for each kind: refused runs (by the check of the columns or
+by the fit); number of undetermined terms; fraction of the other values outside their 95 % interval;
+runs with a value off by more than 5 sigma (probability 6e-7, from Student's t with the printed
+degrees of freedom). `--full` makes 1000 runs of each kind. Values of one run are correlated, so the
+standard error of the fraction is computed over runs. If the fraction is within it of a limit, three
+times as many runs are added.
 """
 
 import argparse

@@ -17,16 +17,15 @@
     python benchmarks/diagnosis.py [--nights N] [--trials N] [--data FOLDER] [--full] [--seed N]
                                    [--only PART ...]
 
-Simulated mounts are exact rotations (`pointing_model.geometry`) with effects by rules of their
-own (a disc off its centre by arctan, a refraction by Bennett's formula, play in a gear, an axis
-that tilts while the night goes on, ...), scaled to a given lambda = |(1 - P) s| / sigma: the
-effect's signal beyond the seven terms, in units of the noise. Printed beside each figure is a
-peer in the same run: plain selection by BIC, a fit that knew the effect, the six-term model.
+Simulated mounts are exact rotations (`pointing_model.geometry`). Their effects use formulas
+independent of the dictionary (an eccentric disc by arctan, refraction by Bennett's formula, gear
+backlash, an axis that tilts during the night, ...), scaled to a given lambda = |(1 - P) s| / sigma:
+the signal that the seven terms cannot absorb, in units of the noise. Each figure is compared with a
+peer in the same run: plain selection by BIC, a fit that knows the effect, the six-term model.
 
-Near aliases count as one class: those that are expected on any night (`CLASSES`), and in each run
-those that the true signal would separate by less than the set width of 6 in 2 ln L. `--full` runs
-the sizes at which the targets are stated (an hour of CPU); FOLDER holds spk8m/ and arc35m/ (left
-out where absent).
+Near aliases count as one class: those expected on any night (`CLASSES`), and in each run those that
+the true signal separates by less than the set width of 6 in 2 ln L. `--full` runs the sizes for
+which the targets are stated (an hour of CPU). FOLDER holds spk8m/ and arc35m/ (skipped if absent).
 """
 
 import argparse

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Simulated nights with effects by rules of their own, for `diagnosis.py` and others."""
+"""Simulated nights with effects by independent formulas, for `diagnosis.py` and others."""
 
 
 import numpy as np

@@ -12,16 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nights of mounts that no model can hold: does a wrong name stay, does a model point worse?
+"""Mounts that no model can represent: is a wrong cause claimed, does a model worsen pointing?
 
     python benchmarks/disturbed_nights.py [--seeds N] [--first N] [--scenarios 'mount_*'] [--keep F]
 
-Each is a night of `close-the-loop` through the whole graph (some fifteen seconds each), seed after
-seed, so that a run that is ended counts as far as it came. `found` is what the command says of it:
-docs/closing_the_loop.md. A wrong name is `wrong`, or `no` with effects in the model: a cause was
-claimed that is none of the scenario's, and fresh stars did not take it back. Printed at the end:
-nights by scenario and by what was found, and the 95 % limit of the part of nights with a wrong name
-(exact binomial).
+Each is a night of `close-the-loop` in the whole graph (about fifteen seconds each), one seed after
+the other, so that an interrupted run still counts. `found` is the command's result, see
+docs/closing_the_loop.md. A wrong cause is `wrong`, or `no` with effects in the model: it is not one
+of the scenario's, and fresh stars did not reject it. Printed at the end: nights by scenario and by
+result, and the 95 % limit of the fraction of nights with a wrong cause (exact binomial).
 """
 
 import argparse

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Fourteen faults of drivers, on the time of the wall and through the guard.
+"""Fourteen faults of drivers, in real time and through the guard.
 
     python benchmarks/driver_faults.py           # each once
     python benchmarks/driver_faults.py --full    # each ten times
     python benchmarks/driver_faults.py --faults 'mount deaf' --times 3
 
-The observer and the guard are processes, the drivers are in this one; a fault begins with the
-night, or at a moment drawn after the first star. Asked is: how long it takes until status,
-diagnostics and log name it, from the moment on at which the messages show it; how many lines of
-the log say so; how the plan ends, with `give_up_s` 6; and whether anything was commanded beyond
-travel, speed, horizon or too near the Sun, as an independent integration of what was sent sees it.
+The observer and the guard are processes; the drivers are in this process. A fault begins with the
+night, or at a random moment after the first star. Measured: time from the first message that shows
+the fault until status, diagnostics and log name it; number of log lines about it; how the plan
+ends, with `give_up_s` 6; and whether any command exceeded travel, speed or horizon or came too near
+the Sun, by an independent integration of the commands.
 """
 
 import argparse

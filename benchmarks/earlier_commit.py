@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The project as of an earlier commit, to be run beside today's in the same minutes."""
+"""The project at an earlier commit, to be run and compared with today's at the same time."""
 
 import os
 import subprocess

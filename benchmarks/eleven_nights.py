@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Paper 000's eleven nights for many seeds, without ROS: what is left after the zero calibration.
+"""Paper 000's eleven nights for many seeds, without ROS: errors after the zero calibration.
 
     python benchmarks/eleven_nights.py --seeds 100
 
-Thirteen nights a seed as `zero_drift` simulates them (mount, incremental encoder, homing, star
-noise of 1"), judged as `telescope-mount experiment` does: the model of two nights before, before
-and after the zero calibration. The paper's table beside it.
+Thirteen nights per seed, simulated as in `zero_drift` (mount, incremental encoder, homing, star
+noise of 1") and evaluated as in `telescope-mount experiment`: the model of two nights before,
+before and after the zero calibration. The paper's table is printed for comparison.
 """
 
 import argparse

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The bound of an absolute encoder's error, and the steps from the paper's fit to the template.
+"""Cramer-Rao bound of an absolute encoder, and the steps from the paper's fit to the template.
 
 Parts bound, ladder and cut of `absolute_encoder.py`.
 """

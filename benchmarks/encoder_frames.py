@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames of the absolute encoder at random angles, errors of their readings, a row of a table.
+"""Random frames of the absolute encoder, errors of their readings, and a table row of them.
 
 For `absolute_encoder.py`.
 """

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What becomes of a mount in motion when `telescope-mount observe` is ended: the toy telescope.
+"""Does a moving mount stop when `telescope-mount observe` is ended? With the toy telescope.
 
     python benchmarks/end_of_night.py [--times N] [--ways SIGINT,SIGTERM,SIGKILL,abort,park]
 
-The toy telescope runs beside `observe` and the sample drivers, which it starts. In the middle of a
-slew at full speed the command has a signal, or the guard a request (`telescope-mount guard`). How
-the axes move is read from the telescope's port, past ROS.
+The toy telescope runs with `observe`, which starts the sample drivers. In the middle of a slew at
+full speed the command gets a signal, or the guard a request (`telescope-mount guard`). The motion
+of the axes is read from the telescope's port, bypassing ROS.
 """
 
 import argparse

@@ -12,18 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Mounts that are no alt-azimuth ones: exactness, measured runs, blind effects.
+"""Equatorial mounts: exactness, measured runs, blind identification of effects.
 
     python benchmarks/equatorial.py [--data FOLDER] [--only PART ...] [--trials N] [--nights N]
                                     [--ways N] [--first-way N] [--full] [--verbose]
 
-FOLDER holds spk5m/, coatli/ and warp_astron/ (left out where absent). Simulated mounts are a fork
-and a German one at latitude 31 degrees, sixty stars above 20 degrees; the German one observes the
-east through the pole. Effects are made by rules of their own (a disc off its centre by arctan, a
-star lifted along its vertical circle, a pole that leans by the side, play in a gear), scaled to
-lambda = |(1 - P) s| / sigma = 7: the signal beyond the seven terms in units of the noise. `--full`
-runs the sizes at which the targets are stated (some hours of CPU, most of them of `claimed`: two
-to five minutes a way; it prints each, and `--first-way` goes on where it was ended).
+FOLDER holds spk5m/, coatli/ and warp_astron/ (skipped if absent). Simulated mounts are a fork and a
+German one at latitude 31 degrees, with sixty stars above 20 degrees; the German one observes the
+east through the pole. Effects use independent formulas (an eccentric disc by arctan, a star lifted
+along its vertical circle, a polar axis tilt that depends on the pier side, gear backlash), scaled
+to lambda = |(1 - P) s| / sigma = 7: the signal that the seven terms cannot absorb, in units of the
+noise. `--full` runs the sizes for which the targets are stated. It takes some hours of CPU, most of
+it for `claimed`: two to five minutes per way. Each way is printed, and `--first-way` resumes an
+interrupted run.
 """
 
 import argparse

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Simulated runs of equatorial mounts with effects by rules of their own, for `equatorial.py`."""
+"""Simulated runs of equatorial mounts with effects by independent formulas, for `equatorial.py`."""
 
 
 import numpy as np

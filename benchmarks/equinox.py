@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Exports of TheSky whose catalogue is J2000 or of date: how often a run tells which it is.
+"""Exports of TheSky with a catalogue of J2000 or of date: how often is the equinox recognised?
 
     python benchmarks/equinox.py [--runs N] [--seed N] [--verbose] [--file RUN ...]
 
 Simulated mounts (forks and German ones, 15 to 60 degrees north or south, 12 to 120 rows in 20
-minutes to six hours, in an order that mixes the sky or sweeps over it) have terms of up to half a
-degree, none to three effects of the direction by the rules of `equatorial.py`, zeros that wander
-as a random walk or jump, and noise. Each run is written once with each equinox, and read. `--file`
-says what is decided of measured runs.
+minutes to six hours, in random order or sweeping over the sky) have terms of up to half a degree,
+none to three direction-dependent effects with the formulas of `equatorial.py`, zeros that drift as
+a random walk or jump, and noise. Each run is written once with each equinox, and read back.
+`--file` prints the decision for measured runs.
 """
 
 import argparse

@@ -12,23 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The executor of the nodes beside those of rclpy: `SingleThreadedExecutor`, `EventsExecutor`.
+"""Our executor compared with rclpy's `SingleThreadedExecutor` and `EventsExecutor`.
 
     python benchmarks/executor.py                  all of it, about 10 minutes on two cores
     python benchmarks/executor.py --messages --rounds 3
 
-- messages: from publishing in another process to the callback, two subscriptions, at 100 Hz and
-  1 kHz each; processor time a message; and how fast a full queue is emptied;
+- messages: latency from publishing in another process to the callback, two subscriptions, at 100 Hz
+  and 1 kHz each; CPU time per message; time to empty a full queue;
 - starts: a busy node is ended by SIGINT as soon as it spins: exit codes, hangs, crashes;
-- behaviour: what a node of this project asks of an executor, one case after the other;
+- behaviour: requirements of this project's nodes, one case after the other;
 - nights: `telescope-mount night --seed 1` in a scratch copy of the packages with the executor
-  replaced. `EventsExecutor` of rclpy 7.1.6 hangs in `spin`, hands (message, info) over as one
-  argument and cannot answer for an async service; `SingleThreadedExecutor` runs nothing of a
-  callback group while one of it awaits. The copies, and the starts, go round these, so that the
-  rest is seen.
+  replaced. `EventsExecutor` of rclpy 7.1.6 hangs in `spin`, passes (message, info) as one argument
+  and cannot answer for an async service. `SingleThreadedExecutor` runs no other callback of a group
+  while one of it awaits. The copies, and the starts, work around these faults to test the rest.
 
-The executors take turns within each round; what is printed are medians of the rounds, and ratios
-to ours. Processor time is that of the receiving process, or of all processes of the night.
+The executors take turns within each round. Printed are medians over the rounds, and ratios to ours.
+CPU time is that of the receiving process, or of all processes of the night.
 """
 
 import argparse

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a node of this project asks of an executor: a case each, as `executor.py` runs them.
+"""Requirements of this project's nodes on an executor: one case each, run by `executor.py`.
 
-A case is given a spun node (`executor.Spun`) and returns whether it went as its docstring says.
+A case gets a spinning node (`executor.Spun`) and returns whether its docstring holds.
 """
 
 import os

@@ -12,20 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What dies or lies in a night: does it teach the mount a falsehood?
+"""Killed nodes and lying instruments during a night: is a wrong zero or model published?
 
     python benchmarks/faults.py                  # a small sample of both tables
     python benchmarks/faults.py --full           # 8 nodes x 20 moments, 10 faults x 10 moments
     python benchmarks/faults.py --nodes star_observer --moments 4 --faults none
 
-Nights of processes (scenario `default`): stars, Polaris, power off and on, Polaris, stars, fit,
-stars pointed blind. A node is killed with SIGKILL and started again, or an instrument begins to
-lie and goes on to the end. Judged is what is published at the end, zero and model together,
-against where the simulated mount must be turned: over the sky, by the sigma that they say of
-themselves. What is off by more than four of them without a word is a falsehood.
+Nights with all processes (scenario `default`): stars, Polaris, power off and on, Polaris, stars,
+fit, blind stars. A node is killed with SIGKILL and restarted, or an instrument begins to send wrong
+data and continues to the end. Zero and model published at the end are compared, over the sky, with
+the true axis angles of the simulated mount, in units of their stated sigma. An error above four
+sigma without a warning counts as a falsehood.
 
-An instrument that lies is one whose topic this program stands in: it takes what the simulated one
-sends and passes on something else. A second one is one more publisher on the topic.
+For a lying instrument, this program relays the topic of the simulated one and changes its messages.
+A "second" instrument is an additional publisher on the topic.
 """
 
 import argparse

@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Fits of few rows: is a term within its 95 %, which rows are rejected, are wrong stars found?
+"""Fits of few rows: coverage of the 95 % intervals, rejected rows, detection of wrong stars.
 
     python benchmarks/few_rows.py [--runs N] [--full]
 
 Simulated runs of 4 to 20 stars above 20 degrees: seven terms as exact rotations, noise of 1" an
-axis (normal, or Student's t of 4 degrees), none or some stars wrong by 60" in a random direction;
-the fit knows nothing of the truth. Beside it what two sigmas of the robust weights say, which
-larger fits have (`before`). `--full`: 1000 runs each; noise of 0.58" and 1.73" on the two axes
-too, and two wrong stars.
+axis (normal, or Student's t of 4 degrees), none or some stars wrong by 60" in a random direction.
+For comparison: intervals of two sigma from the robust weights, as used in larger fits (`before`).
+`--full`: 1000 runs each, also with noise of 0.58" and 1.73" on the two axes and with two wrong
+stars.
 """
 
 import argparse

@@ -26,14 +26,14 @@ beside it:
 
 - `calibration.analysis.term_fit`, `fit_first_order`: the same linear fit, with residuals and the
   full covariance scaled by the measured scatter of each axis;
-- `fit_terms` of it: all of it (checks, rank, provenance, model), with first-order
-  columns and without robust weights, so the same numbers;
-- `fit_terms` with exact rotations, without and with robust weights (the default): another, better
-  fit; its coefficients differ by the second order and by the weights;
+- `fit_terms` with everything (checks, rank, provenance, model), but with first-order columns and
+  without robust weights, so that the numbers are the same;
+- `fit_terms` with exact rotations, without and with robust weights (the default): a better fit,
+  whose coefficients differ by the second order and by the weights;
 - the normal equations alone, columns included, formed and solved in plain numpy, with sigmas, and
   the plain fits with those sigmas.
 
-Rounds alternate between the candidates; printed is the best. The one-time import is not timed. The
+Rounds alternate between the candidates; the best is printed. The one-time import is not timed. The
 deprecation warning of `fit` is avoided, not timed. katpoint: .venv/bin/pip install katpoint, or the
 extra `bench`.
 """

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames of the absolute encoder, clean and dirty, in a batch: ours and the paper's Newton fit.
+"""Speed of reading batches of clean and dirty encoder frames: ours and the paper's Newton fit.
 
     OMP_NUM_THREADS=1 python benchmarks/frames_speed.py [--rounds N]
 

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the commands print of measured and simulated data, kept, and compared with a later commit.
+"""Record of the commands' results on measured and simulated data, compared with a later commit.
 
     python benchmarks/golden_record.py write RECORD.json [--data ../shared/data] [--full]
     python benchmarks/golden_record.py compare RECORD.json [--data ../shared/data] [--full]
 
-A change of the inside must leave what comes out: the record is of the commands' own JSON, so that
-it outlives any structure. Values that have a standard error beside them may differ by a thousandth
-of it, other numbers by a thousandth of themselves; words (verdicts, names of effects and terms, the
-sets of equal causes) are the same. Sentences are not compared: they may be written anew. `--full`
-adds the diagnoses of minutes, and simulated nights. `--only TEXT` takes the cases with it in their
-name. To record an older commit, run this file with the Python of that checkout's environment.
+A refactoring must not change results. The record holds the commands' JSON output, which is
+independent of the code's structure. Values with a standard error may differ by 0.001 of it, other
+numbers by 0.001 of their size. Words (verdicts, names of effects and terms, sets of equal causes)
+must be the same; sentences are not compared. `--full` adds diagnoses that take minutes, and
+simulated nights. `--only TEXT` selects cases with this text in their name. To record an older
+commit, run this file with the Python of that checkout's environment.
 """
 
 import argparse

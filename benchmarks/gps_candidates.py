@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What may have left the errors of the paper's satellite check: the table, and two figures.
+"""Candidate causes for the errors in the paper's satellite check: table and two figures.
 
     python benchmarks/gps_candidates.py [--samples N] [--on-sky] [--json FILE] [--figures FOLDER]
 """

@@ -12,24 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Commands through the guard, judged by an independent integration of the axes in small steps.
+"""Commands through the guard, checked by an independent integration of the axes in small steps.
 
     python benchmarks/guard.py [--full]
 
-Random mounts at random places and times, their limits, skylines, places and motions of the axes,
-and tracks: of stars, of satellites, of nonsense, with numbers that cannot be. What the guard lets
-pass is carried out by drives that are simulated step by step (`guard_drives.py`, which uses nothing
-of the guard): each axis by a controller of its own with a speed and an acceleration of its own
-within what the guard is told, and where it is told nothing of their timing, one after the other.
-At each step both axes or one of them are also stopped. A violation is a place beyond the travel,
-below the skyline or nearer to the Sun than allowed, or than where it began. Where the straight way
-is refused the mount stops, if it moves, and the way around is gone, point after point.
+Random mounts at random sites and times, with random limits, skylines, positions and motions of the
+axes, and tracks: of stars, of satellites, nonsense, and with impossible numbers. Commands that the
+guard passes are executed by drives simulated step by step (`guard_drives.py`, which uses no code of
+the guard). Each axis has a controller with its own speed and acceleration, within the values given
+to the guard; if their relative timing is not given, one axis moves after the other. At each step
+both axes or one of them are also stopped. A violation is a position beyond the travel, below the
+skyline or nearer to the Sun than allowed and than at the start. If the direct way is refused, the
+mount stops, if it moves, and takes the way around, point by point.
 
-A command is allowed where some way leads to it: at rest or stopped the axes are, as the track is
-all the time, in one and the same region of pairs of angles that keeps 2.5 degrees from horizon, Sun
-and ends of the travel for ten minutes (on a grid of 1 degree), and the rates and accelerations of
-the track are below 90 % of the slowest drive's. Each that is refused counts. Targets faster than
-0.05 deg/s are counted by themselves: how a mount runs after them the guard leaves open.
+A command should be allowed if a way to it exists: the axes, stopped, and the whole track are in one
+connected region of axis angles that keeps 2.5 degrees from horizon, Sun and ends of travel for ten
+minutes (on a grid of 1 degree), and the rates and accelerations of the track are below 90 % of the
+slowest drive's. Refusals of such commands are counted. Targets faster than 0.05 deg/s are counted
+separately: the guard does not specify how a mount catches up with them.
 """
 
 import argparse

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Drives, sky and horizon of the benchmark of the guard: nothing of the guard is used here.
+"""Drives, sky and horizon for the benchmark of the guard, without code of the guard.
 
-All cases at once, in steps of 0.05 s: each axis has a controller, a speed and an acceleration of
-its own. Directions come from the definition of a mount, the Sun from ERFA, skylines from their
+All cases are integrated together in steps of 0.05 s. Each axis has its own controller, speed and
+acceleration. Directions come from the definition of a mount, the Sun from ERFA, skylines from their
 corners.
 """
 

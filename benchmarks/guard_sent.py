@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the guard sends, moment by moment, to a mount that obeys: whole sessions, and their faults.
+"""Commands of the guard to an obedient mount, step by step: whole sessions with faults.
 
     python benchmarks/guard_sent.py [--sessions N]
 
-Random mounts, horizons and Suns as of `guard.py`. A commander asks for stars, satellites, nonsense
-and what is no number; it hangs, withdraws; encoders fall silent; somebody pauses, aborts, resumes,
-parks; the guard itself stops for some seconds. The mount follows what it was sent last, and stands
-at its end. Judged in steps of 0.05 s (`guard_drives.py`): where the axes are while they move
-(nowhere beyond the limits, or farther beyond than they stood), and all that is sent: it begins
-where the mount is sent already, keeps speed and acceleration, and ends at rest.
+Random mounts, horizons and Suns as in `guard.py`. A commander requests stars, satellites, nonsense
+and invalid numbers; it hangs or withdraws. Encoders fall silent; a user pauses, aborts, resumes,
+parks; the guard itself is suspended for some seconds. The mount follows the last command, and
+stands at its end. Checked in steps of 0.05 s (`guard_drives.py`): the moving axes (never beyond the
+limits, or never farther beyond if they started there), and each command: it continues the last one,
+respects speed and acceleration, and ends at rest.
 """
 
 import argparse

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What becomes of a mount in motion when a process dies: the toy telescope, killed with SIGKILL.
+"""Does a moving mount stop when a process is killed (SIGKILL)? With the toy telescope.
 
     python benchmarks/guard_stops.py [--times N] [--quiet-seconds S] [--busy N]
 
-The toy telescope, the sample drivers, the guard and a commander run as processes of their own. In
-the middle of a slew one of them is killed. How the axes move is read from the telescope's port,
-past ROS. Then, with `--quiet-seconds`, all of them run so long on a track, beside `--busy` busy
-loops: whatever the guard says in that time is a false alarm.
+The toy telescope, the sample drivers, the guard and a commander are separate processes. In the
+middle of a slew one of them is killed. The motion of the axes is read from the telescope's port,
+bypassing ROS. Then, with `--quiet-seconds`, all of them follow a track for this time beside
+`--busy` busy loops: any alarm of the guard is false.
 """
 
 import argparse

@@ -12,21 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The harmonics of paper 000 in the graph: are their sigmas true, and what are they worth?
+"""The harmonics of paper 000 in the graph: are their sigmas correct, how well do they point?
 
     python benchmarks/harmonics.py [--runs N] [--full] [--no-nights]
 
-Coefficients are drawn, A0..A12 and B0..B12 of the whole degree, and put into a pointing run (the
-simulated mount is turned about its axes and knows no terms); `run_player` publishes it, the node
-`calibration` fits the harmonics alone (degree given, no direction left out) and publishes the
-model. How often is a coefficient within one sigma of what was drawn? One run of each reading goes
-through processes, with the logger: replayed and verified to the bit. Then the eleven nights of the
-paper with harmonics alone in force, beside its table 1 and what cross-validation says.
+Random coefficients A0..A12 and B0..B12 (full degree) are put into a pointing run, since the
+simulated mount only rotates about its axes and has no such terms. `run_player` publishes the run;
+the node `calibration` fits only the harmonics (given degree, no direction excluded) and publishes
+the model. How often is a coefficient within one sigma of the true value? For each reading of the
+formulas one run goes through processes, with the logger, and is replayed and verified to the bit.
+Then follow the eleven nights of the paper with only harmonics active, compared with its table 1 and
+with cross-validation.
 
-With --full 100 runs a reading, 5200 coefficients. Those of one run are strongly correlated: the
-error that is printed is from run to run, 3 % of 40 runs and 2 % of 100. They are drawn no larger
-than the noise: how well they are known does not depend on their size, but of larger ones the
-calibration's check of the columns says that they look like columns that are mistaken.
+With --full 100 runs per reading, 5200 coefficients. Those of one run are strongly correlated, so
+the printed error is that between runs: 3 % for 40 runs and 2 % for 100. They are drawn no larger
+than the noise. Their accuracy does not depend on their size, but larger ones look like mistaken
+columns to the calibration's check.
 """
 
 import argparse

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Ratios of earlier runs by processor, and what has become slower than they were.
+"""Speed ratios of earlier runs by processor, and which have become slower.
 
-How ours stands to a peer differs from processor to processor by up to a quarter (what numpy does
-with wide vectors, the peer does not): a run is judged by those of its own kind, and on a new kind
-by the lowest of all.
+The ratio to a peer differs between processors by up to a quarter (numpy uses wide vectors, the peer
+does not). So a run is compared with runs on the same kind of processor, and on a new kind with the
+lowest ratio of all.
 """
 
 import json

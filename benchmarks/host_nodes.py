@@ -15,9 +15,9 @@
 """The part of a night that runs on one host: started there by `many_hosts.start`.
 
 Reads one line of JSON: ``folder``, ``domain``, ``specs`` (name, module, parameters) and ``plan``.
-With a plan it observes as `telescope-mount night` does, tells how far it is, a JSON list of
-state, step, observations and what is said of it in a line, and last ``report`` or ``failed``;
-without one it runs the nodes until its input ends, and then tells their exit codes.
+With a plan it observes like `telescope-mount night` and prints its progress, one JSON list (state,
+step, observations, message) per line, and at the end ``report`` or ``failed``. Without a plan it
+runs the nodes until its input ends, then prints their exit codes.
 """
 
 import json

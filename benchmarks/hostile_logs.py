@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Logs that somebody made with intent, for `log_fuzz.py`."""
+"""Maliciously crafted logs, for `log_fuzz.py`."""
 
 import json
 import struct

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Hosts on one machine: network namespaces with a wire between them that loses, delays, is cut.
+"""Hosts on one machine: network namespaces with a link that loses and delays frames or is cut.
 
-Needs Linux, root and `ip` (iproute2). A host has interfaces, ports and a `/dev/shm` of its own, so
-that nodes of two hosts have the network alone in common. Where the kernel has no `netem`, and to
-be the same everywhere, the wire is two TAP devices between which this process carries the frames.
+Needs Linux, root and `ip` (iproute2). A host has its own interfaces, ports and `/dev/shm`, so nodes
+of two hosts share only the network. The link is two TAP devices between which this process copies
+the frames: that works without the kernel's `netem`, and the same everywhere.
 """
 
 import contextlib

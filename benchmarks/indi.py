@@ -12,17 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""INDI's telescope simulator with a pointing model of its own: are its six terms found, and that
-they act on the sky before the flip?
+"""INDI's telescope simulator with its own pointing model: are its six terms recovered, and is it
+recognised that they act on the sky before the flip?
 
     python benchmarks/indi.py [--seeds N] [--pointings N] [--checks N] [--full]
 
-Each seed draws a MOUNT_MODEL of 0.02 to 0.1 deg a term, starts a server of its own (indiserver, of
-the Debian package indi-bin), points at places on both sides of the meridian and reads axes and
-place at the ticks of the driver. The driver goes to a place through the inverse of its own model,
-so blind errors are judged on its axes: by how far the fitted model puts them from where they are
-at places that no fit has seen. `--full` takes 5 seeds of 20 pointings and 8
-checks (half an hour of waiting, hardly any of computing).
+Each seed draws a MOUNT_MODEL of 0.02 to 0.1 deg per term, starts a server (indiserver, Debian
+package indi-bin), points on both sides of the meridian and reads axes and place at the ticks of the
+driver. The driver points through the inverse of its own model, so blind errors are evaluated on its
+axes: the difference of the fitted model's axis angles from the true ones at places not used in the
+fit. `--full` takes 5 seeds of 20 pointings and 8 checks (half an hour, nearly all waiting).
 """
 
 import argparse

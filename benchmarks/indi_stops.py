@@ -12,17 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What becomes of a mount of INDI's simulator in the middle of a slew when a process dies.
+"""Does the mount of INDI's simulator stop when a process is killed in the middle of a slew?
 
     python benchmarks/indi_stops.py [--times N] [--quiet-seconds S] [--busy N] [--full]
 
-INDI's telescope simulator, `indi_mount`, the guard and a commander run as processes of their own.
-In the middle of a slew one of them is killed with SIGKILL. How the axes move is heard by a
-connection of its own. The axes stand for good from the last change on that they tell within three
-seconds; the simulator moves them, and tells them, ten times a second. Then, with
-`--quiet-seconds`, all of them run so long on a track, beside `--busy` busy loops: whatever the
-guard says in that time is a false alarm, and so is each stop that is sent. `--full` takes ten times
-each and 180 s.
+INDI's telescope simulator, `indi_mount`, the guard and a commander are separate processes. In the
+middle of a slew one of them is killed with SIGKILL. The motion of the axes is observed through a
+separate connection. They count as stopped from their last change if none follows within three
+seconds; the simulator moves and reports them ten times a second. Then, with `--quiet-seconds`, all
+of them follow a track for this time beside `--busy` busy loops: any alarm of the guard and any stop
+sent is false. `--full` takes ten times each and 180 s.
 """
 
 import argparse

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A pointing run of a simulator that tells where it truly looks, without a camera or the graph."""
+"""A pointing run of a simulator that reports its true pointing, without camera or graph."""
 
 import threading
 import time

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Killed (SIGKILL) and started again at any pointing of a plan: what is lost, what is doubled?
+"""Processes killed (SIGKILL) and restarted during a plan: what is lost, what is repeated?
 
     python benchmarks/interrupted.py             # three moments
     python benchmarks/interrupted.py --full      # every pointing, the observer and the whole graph
 
-Observer, guard, calibration and corrector are processes beside drivers in this one, on the time of
-the wall. After so many observations, and a moment that is drawn, the observer alone or all four
-are killed and started again with the parameters that they had.
+Observer, guard, calibration and corrector are processes, the drivers are in this process, in real
+time. After a given number of observations and a random delay, the observer alone or all four are
+killed and restarted with the same parameters.
 """
 
 import argparse
