@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From the images of an absolute encoder to angles: any disc of this kind, simulated or real."""
+"""Reads angles from the images of an absolute encoder with such a disc, simulated or real."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every node that reads an absolute encoder publishes and reports, and its batches."""
+"""Output and diagnostics of nodes that read an absolute encoder, and batches of samples."""
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -27,16 +27,16 @@ _BOTH = np.arange(2)
 
 
 class AngleOutput:
-    """What a node that reads both axes publishes and says of itself.
+    """Topics and diagnostics of a node that reads both axes.
 
-    Of one graph only one node may have this: two would publish different angles on one topic. The
-    node's `problems` and `details` are those of its readings.
+    Only one node of a graph may have this: two would publish different angles on one topic. It
+    replaces the node's `problems` and `details` by its own.
 
     Parameters
     ----------
     node : msg_tools.node.MountNode
     axes : sequence of axis_reader.AxisReader
-        Whose names are those of the joints.
+        Their names are those of the joints.
     """
 
     def __init__(self, node, axes):
@@ -45,20 +45,20 @@ class AngleOutput:
         node.problems, node.details = self.problems, self.details
         self._angles = node.publisher(topics.ABSOLUTE)
         self._poses = node.publisher(topics.ABSOLUTE_POSE)
-        self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality
+        self._counts = np.zeros((2, 3), dtype=np.int64)  # by axis and quality
         self._velocities, self._power_on = Velocities(), None
 
     def read(self, stamps, frames, power_ons):
-        """Read frames and publish the angles, with their `Velocities`.
+        """Read frames and publish the angles with their `Velocities`.
 
         Parameters
         ----------
         stamps : sequence of int
             n of them, ns.
         frames : sequence of ndarray, shape (heads, n, pixels)
-            Of each axis.
+            Frames of each axis.
         power_ons : sequence of PowerOn or None
-            Of each reading; velocities begin anew with another one.
+            Power-on of each reading; velocities start again when it changes.
         """
         readings = read_frames(self._axes, frames)
         np.add.at(self._counts, (_BOTH, readings.quality), 1)
@@ -75,7 +75,7 @@ class AngleOutput:
                 self._poses.publish(convert.pose(stamp, angle, ((first, 0.0), (0.0, second))))
 
     def problems(self):
-        """For the node's diagnostics: another reader in the graph, images that were not read."""
+        """For the node's diagnostics: another reader in the graph, or rejected images."""
         name = self._angles.topic_name
         publishers = self._node.count_publishers(name)
         rejected = int(self._counts[:, REJECTED].sum())
@@ -88,35 +88,35 @@ class AngleOutput:
         return out
 
     def details(self):
-        """For the node's diagnostics: how many readings were of which quality."""
+        """For the node's diagnostics: numbers of readings by quality."""
         return [(f'{axis.replace("_", " ")} {name}', str(count))
                 for axis, counts in zip(self._names, self._counts)
                 for name, count in zip(QUALITIES, counts)]
 
 
 class Batch:
-    """Collects what comes at once: one call for many costs less than many calls.
+    """Collects items that arrive together: one call for many costs less than many calls.
 
-    Its `finish` is what a node's subscription calls `after` the messages that were ready, so that
-    nothing waits for what is not there yet, and a node that fell behind catches up.
+    A node's subscription calls `finish` `after` the messages that were ready, so nothing waits for
+    later messages, and a node that has fallen behind catches up.
 
     Parameters
     ----------
     work : callable
         ``work(items)``.
     most : callable
-        ``most()`` items at once.
+        ``most()``: largest number of items per call.
     """
 
     def __init__(self, work, most):
         self._work, self._most, self._items = work, most, []
 
     def add(self, item):
-        """Take another one."""
+        """Add an item."""
         self._items.append(item)
 
     def finish(self):
-        """Work on what has come."""
+        """Process the collected items."""
         items, self._items = self._items, []
         most = self._most()
         for i in range(0, len(items), most):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The angle of an axis from the frames of its reading heads."""
+"""Angle of an axis from the frames of its reading heads."""
 
 import dataclasses
 from functools import lru_cache
@@ -33,7 +33,7 @@ def _reader(design):
 
 
 def reader_of(design):
-    """The reader of single frames that a design asks for; axes of one design share it.
+    """The reader of single frames for a design; axes of one design share it.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def reader_of(design):
     ValueError
         The design cannot be read.
     """
-    # how its heads stand and its disc lies changes nothing in a single frame
+    # the number of heads and the sense of the disc do not matter in a single frame
     return _reader(dataclasses.replace(design, heads=1, sense='with'))
 
 
@@ -55,9 +55,9 @@ class AxisReader:
     ----------
     design : design.Design
     axis : str
-        What it is called.
+        Name of the axis.
     lowest : float, optional
-        Reading from which a turn begins, rad. By default ``azimuth`` reads from 0 to 360 degrees,
+        Reading at which a turn begins, rad. By default ``azimuth`` reads from 0 to 360 degrees,
         any other axis from -180 to 180.
 
     Raises
@@ -72,18 +72,18 @@ class AxisReader:
         self.reader = reader_of(design)
 
     def join(self, readings):
-        """The axis from the readings of its heads.
+        """Combine the readings of the heads of an axis.
 
         Parameters
         ----------
         readings : FrameReadings
-            Of one head after the other.
+            Of all heads, one after the other.
 
         Returns
         -------
         FrameReadings
-            Angle of the axis, and the 1-sigma of it. Rejected where any head is: a single head
-            would bring the eccentricity back.
+            Angle of the axis and its 1-sigma. Rejected if any head is: a single head would be
+            affected by the eccentricity.
         """
         angle, quality, sigma = readings.angle, readings.quality, readings.sigma
         if self.design.heads == 2:
@@ -100,23 +100,23 @@ class AxisReader:
 
 
 def read_frames(axes, frames):
-    """Read several axes, all of one design in one go.
+    """Read several axes, all axes of one design together.
 
     Parameters
     ----------
     axes : sequence of AxisReader
     frames : sequence of ndarray, shape (heads, n, pixels)
-        Those of each axis, all with the same n.
+        Frames of each axis, all with the same n.
 
     Returns
     -------
     FrameReadings
-        All arrays of shape (n, len(axes)); the same to the last bit, whatever is read together.
+        Arrays of shape (n, len(axes)); identical to the last bit, whatever is read together.
 
     Raises
     ------
     ValueError
-        Frames with another number of pixels than the design has.
+        The number of pixels differs from that of the design.
     """
     n = frames[0].shape[1]
     out = FrameReadings(np.empty((n, len(axes))), np.empty((n, len(axes)), dtype=np.int8),
@@ -144,10 +144,11 @@ def _part(readings, begin, end):
 
 
 def _read_in_blocks(reader, rows):
-    """Always so many frames at once.
+    """Read frames in blocks of constant size.
 
-    The last digit of a product of matrices depends on their size. In blocks of one size a reading
-    is the same to the last bit whatever else is read with it, as ours is by itself.
+    The last digit of a matrix product depends on the sizes of the matrices. With blocks of constant
+    size a reading is identical to the last bit whatever else is read with it, as it is by design
+    with our own reader.
     """
     parts = []
     for i in range(0, len(rows), reader.BLOCK):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From what the bars show to their bits, and from the bits to the place on the disc."""
+"""Determines the bits of the bars, and from the bits the place on the disc."""
 
 import math
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ import numpy as np
 
 from .disc import WINDOW, windows_of
 
-#: why a frame was rejected, by the number in `template_reader.TemplateReadings.reason`
+#: reasons for rejecting a frame, by the number in `template_reader.TemplateReadings.reason`
 REASONS = ('', 'not finite', 'saturated', 'no contrast', 'not on the disc', 'ambiguous',
            'bars out of line', 'wrong direction')
 (NOT_FINITE, SATURATED, NO_CONTRAST, NOT_ON_DISC, AMBIGUOUS, OUT_OF_LINE,
  WRONG_DIRECTION) = range(1, 8)
-_UNLIKE = 0.1  # of the level, by which a bar may be darker or brighter than those around it
+_UNLIKE = 0.1  # largest relative deviation of a bar's level from those around it
 _HALF = np.float32(0.5)
 
 
@@ -40,14 +40,14 @@ def median(values):
 
 @dataclass
 class Bits:
-    """What n rows say, bar by bar; arrays of shape (n, bars).
+    """Decoded bars of n rows; arrays of shape (n, bars).
 
     Attributes
     ----------
     visible, legible, narrow : ndarray of bool
-        Whether the bar is whole in the row, looks like one, and like a narrow one.
+        Whether the bar is completely in the row, looks like a bar, and like a narrow one.
     contrast, usual : ndarray
-        Its contrast, and the one that a bar at this level has, for shading changes both alike.
+        Contrast of the bar, and the usual one at its level, as shading changes both in proportion.
     """
 
     visible: np.ndarray
@@ -58,7 +58,7 @@ class Bits:
 
 
 class BarDecoder:
-    """Bits of the bars in view, and where on the disc they are found.
+    """Decodes the bits of the bars in view, and finds them on the disc.
 
     Parameters
     ----------
@@ -67,16 +67,16 @@ class BarDecoder:
         Numbers of the bars that may be in view; 0 in the middle.
     template : bar_template.BarTemplate
     smooth : callable
-        Makes of rows of values, shape (n, bars), the parabolas through their good bars.
+        Replaces rows of values, shape (n, bars), by the parabolas through their good bars.
     min_contrast : float
-        Of a legible bar, grey levels.
+        Least contrast of a legible bar, grey levels.
     """
 
-    #: bits by which the match must surpass what chance finds among all places and directions
+    #: bits of evidence by which a match must exceed chance, over all places and both directions
     MIN_EVIDENCE = 13.0
-    #: the same where every legible bar fits, so that bars may be illegible
+    #: the same if all legible bars match, so that some bars may be illegible
     MIN_EVIDENCE_EXACT = 9.0
-    #: bits by which any other place must fit worse, unless all bars fit
+    #: bits by which all other places must match worse, unless all bars match
     MIN_MARGIN = 2
 
     def __init__(self, disc, rank, template, smooth, min_contrast):
@@ -86,16 +86,16 @@ class BarDecoder:
         windows = np.roll(windows_of(disc.bits, n), reach, axis=0)
         #: bits of the window with its middle at each bar of the disc, shape (disc.bars, bars)
         self.narrow = windows.astype(bool)
-        # doubled, for they meet halves: a product counts equal less unequal bits
+        # doubled, since they multiply halves: the product is the number of equal minus unequal bits
         self._signs = np.ascontiguousarray((4.0 * windows - 2.0).T.astype(np.float32))
         first = (n - WINDOW) // 2
         self._central, self._to_middle = slice(first, first + WINDOW), reach - first
         middle, reach = template.share
-        # a bar that is out of place looks wider or narrower than it is
+        # a displaced bar looks wider or narrower than it is
         self._usual = np.array([1.05, middle, 0.0, 0.0], np.float32)[:, np.newaxis, np.newaxis]
         self._limits = np.array([0.45, reach, template.displaced, template.unlike**2],
                                 np.float32)[:, np.newaxis, np.newaxis]
-        # bits of evidence in `wrong` of `count` bars, against all places and both directions
+        # bits of evidence with `wrong` of `count` bars, over all places and both directions
         evidence = np.full((n + 1, n + 1), -np.inf)
         for count in range(n + 1):
             ways = np.cumsum([float(math.comb(count, k)) for k in range(count + 1)])
@@ -103,14 +103,14 @@ class BarDecoder:
         self._evidence = evidence
 
     def bits(self, measured, unlike, visible):
-        """Which bars look like bars, and which of them like narrow ones.
+        """Determine which bars look like bars, and which like narrow ones.
 
         Parameters
         ----------
         measured : ndarray, shape (11, n, bars)
             Products of the windows with the columns of the template.
         unlike : ndarray, shape (n, bars)
-            Mean square of what neither a wide nor a narrow bar explains.
+            Mean square of the residuals from both a wide and a narrow bar.
         visible : ndarray of bool, shape (n, bars)
 
         Returns
@@ -140,14 +140,14 @@ class BarDecoder:
         return Bits(visible, legible, narrow, contrast, usual)
 
     def _look_closer(self, legible, tests, level, unlike, usual, visible):
-        """Where not all is well, allow for noise; then drop bars of which a blob hides a part."""
+        """If not all bars are legible, allow for noise; then drop bars partly hidden by dust."""
         rows = np.flatnonzero(np.logical_or.reduce(legible != visible, axis=1))
         level, unlike = level[rows], unlike[rows]
         limit = self._limits[3] * usual[rows] ** 2 + 2.0 * median(unlike)
         good = tests[0, rows] & tests[1, rows] & tests[2, rows] & visible[rows]
         good &= unlike < limit
         good &= usual[rows] > self._min_contrast
-        # near a blob, of which part is in the window, the ground is lower than elsewhere
+        # near dust, part of which is in the window, the background is lower than elsewhere
         dirty = np.flatnonzero(np.logical_or.reduce(good != visible[rows], axis=1))
         level, near = level[dirty], good[dirty]
         near &= level > 0.25 * median(level)
@@ -156,7 +156,7 @@ class BarDecoder:
         legible[rows] = good
 
     def find(self, bits):
-        """Place on the disc.
+        """Find the place on the disc.
 
         Parameters
         ----------
@@ -167,11 +167,11 @@ class BarDecoder:
         bar : ndarray of int, shape (n,)
             Number of the bar in the middle of the row.
         good : ndarray of bool, shape (n, bars)
-            Bars that are legible and as the code has them.
+            Bars that are legible and match the code.
         wrong : ndarray of int, shape (n,)
-            How many others are visible.
+            Number of other visible bars.
         reason : ndarray of int8, shape (n,)
-            0 where the place is certain.
+            0 if the place is certain.
         """
         n, legible, visible = len(bits.legible), bits.legible, bits.visible
         bar = self._disc.find(bits.narrow[:, self._central])
@@ -180,7 +180,7 @@ class BarDecoder:
         good = self.narrow[bar] == bits.narrow
         good &= legible
         wrong, reason = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int8)
-        # any two windows of the disc differ: nothing else can fit where all visible bars do
+        # all windows of the disc differ: if all visible bars match, no other place can
         other = good != visible
         if np.logical_or.reduce(other, axis=None):
             rows = np.flatnonzero(np.logical_or.reduce(other, axis=1))
@@ -192,7 +192,7 @@ class BarDecoder:
         return bar, good, wrong, reason
 
     def _match(self, legible, narrow, visible):
-        """The place that fits best of all, and what speaks against it."""
+        """The best matching place, and a reason for rejecting it."""
         count = np.add.reduce(legible, axis=1)
         bar, wrong, clear = self._compare(legible, narrow, count)
         reason = np.zeros(len(bar), dtype=np.int8)
@@ -203,10 +203,10 @@ class BarDecoder:
         return bar, reason
 
     def _compare(self, legible, narrow, count):
-        """The place that fits best, its wrong bars, and whether all others are far worse."""
+        """Best matching place, number of its wrong bars, and whether all others match far worse."""
         signs = np.subtract(narrow, _HALF, dtype=np.float32)
         signs *= legible
-        match = signs @ self._signs  # whole numbers: bits that fit, less those that do not
+        match = signs @ self._signs  # integers: matching minus other bits
         each = np.arange(len(match))
         bar = match.argmax(axis=1)
         score = match[each, bar].astype(np.int64)

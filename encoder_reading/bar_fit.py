@@ -12,25 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From the places of the single bars to one line through them: place and scale of the image."""
+"""Fits one line through the positions of the bars: position and scale of the image."""
 
 import numpy as np
 
 from .bar_decoding import median
 
 _PASSES = 3
-_OUTLIER = 4.5 * 1.4826  # median deviations at which level or contrast is no bar's
-_FLAT = 0.01  # relative deviation that is not
-_SHARPEST = 3.0  # pixels of blur: the response is straight over a share of it
-_CUT = 6.0  # of Tukey's weights: costs 2 % where the noise is normal
-_FAR = np.float32(4.5)  # 1-sigma: beyond it a bar pulls the line too much
-_DEVIATION = np.float32(1.4826)  # 1-sigma from the median deviation
-_BEND = np.float32(1.4826 / 6.0**0.5)  # and from that of second differences
+_OUTLIER = 4.5 * 1.4826  # median deviations from which level or contrast is not that of a bar
+_FLAT = 0.01  # relative deviation that is always accepted
+_SHARPEST = 3.0  # pixels of blur: the response is linear over a fraction of it
+_CUT = 6.0  # cut-off of Tukey's weights: costs 2 % for normal noise
+_FAR = np.float32(4.5)  # sigmas: bars beyond this affect the line too much
+_DEVIATION = np.float32(1.4826)  # 1-sigma in units of the median deviation
+_BEND = np.float32(1.4826 / 6.0**0.5)  # the same for second differences
 _TINY = np.float32(1e-6)
 
 
 class BarLine:
-    """The least-squares template of the decoded bars, as a robust line through their shifts.
+    """Least-squares fit of the template of the decoded bars, as a robust line through their shifts.
 
     Parameters
     ----------
@@ -38,13 +38,13 @@ class BarLine:
     lattice : bar_lattice.BarLattice
     template : bar_template.BarTemplate
     codes : ndarray of int, shape (disc.bars, bars)
-        For the window with its middle at each bar of the disc, the bits of every bar and its
+        For the window with its middle at each bar of the disc, the bits of each bar and its
         neighbours: 4 * left + 2 * own + right.
     """
 
     def __init__(self, design, lattice, template, codes):
         self._lattice, self._template = lattice, template
-        # bar periods, up to which the response is a straight line: 0.06 % of it are left
+        # bar periods, up to which the response is linear: 0.06 % of it remain
         self._enough = np.float32(0.05 * max(design.blur, _SHARPEST) / design.bar_pitch)
         per_pixel = float(lattice.per_pixel)
         self._expected = np.stack(
@@ -59,7 +59,7 @@ class BarLine:
         self._x, self._per_bar = powers[1].astype(np.float32), np.float32(1.0 / reach)
         self._moments = np.ascontiguousarray(powers.T.astype(np.float32))
         slopes = np.stack([np.zeros(n), np.ones(n), 2.0 * rank / reach]) / reach
-        # the values and the slope of a parabola, from its coefficients
+        # values and slopes of a parabola from its coefficients
         self._curves = np.concatenate([powers[:3], slopes], axis=1).astype(np.float32)
         # parabola through all bars but the first and the last, one of which is often cut
         inner = np.zeros((n, 3))
@@ -70,9 +70,9 @@ class BarLine:
         self._lines = self._least_squares(template.response_slope[codes])
 
     def _least_squares(self, slopes):
-        """From shifts to their weighted least-squares line, shape (disc.bars, 4, bars, 2).
+        """Matrices from shifts to their weighted least-squares line, shape (disc.bars, 4, bars, 2).
 
-        Second index: which of the first (1) and of the last bar (2) is in it.
+        Second index: whether the first (1) and the last bar (2) are included.
         """
         out = np.empty((len(slopes), 4, len(self._rank), 2), dtype=np.float32)
         powers = self._straight.T.astype(float)
@@ -85,23 +85,23 @@ class BarLine:
         return out
 
     def fit(self, bar, bars):
-        """Change of the line ``alpha + beta * rank`` of the bars' places.
+        """Correction of the line ``alpha + beta * rank`` of the bars' positions.
 
         Parameters
         ----------
         bar : ndarray of int, shape (n,)
             Number of the bar in the middle.
         bars : Bars
-            To which what is found here is added.
+            Results are added to it.
 
         Returns
         -------
         alpha, beta : ndarray, shape (n,)
-            Bar periods, and relative.
+            In bar periods, and relative.
         used : ndarray of int, shape (n,)
-            Bars that decide the line.
+            Number of bars that determine the line.
         spread : ndarray, shape (n,)
-            1-sigma of a bar about the line, bar periods.
+            1-sigma scatter of bars about the line, bar periods.
         """
         bars.bar, expected = bar, self._expected[bar]
         bars.in_view = np.add.reduce(bars.visible, axis=1)
@@ -126,12 +126,12 @@ class BarLine:
     # --- level and contrast along the row -----------------------------------------------------
 
     def _smooth(self, curves, bars):
-        """Parabolas through level and contrast; bars that are not on both are no longer good.
+        """Parabolas through level and contrast; bars that deviate are no longer good.
 
         Returns
         -------
         values, slopes : ndarray, shape (2, n, bars)
-            Of the parabolas, and their change from bar to bar.
+            Values of the parabolas, and their change per bar.
         """
         good, n = bars.good, curves.shape[2]
         bars.whole = np.logical_and.reduce(good[:, 1:-1], axis=1)
@@ -151,7 +151,7 @@ class BarLine:
         return values, slopes
 
     def _smooth_dirty(self, curves, good):
-        """As `_smooth`; only bars that are on the parabolas through the good ones shape them."""
+        """Like `_smooth`, with parabolas only through bars close to those of the good ones."""
         values, _ = self._parabolas(curves, good)
         rest = np.abs(curves - values)
         ranked = np.where(good, rest, np.float32(np.inf))
@@ -165,7 +165,7 @@ class BarLine:
         return self._parabolas(values[np.newaxis], good)[0][0]
 
     def _parabolas(self, curves, good):
-        """Values and slopes of least-squares parabolas through good bars, one row after the other.
+        """Values and slopes of least-squares parabolas through good bars, row by row.
 
         Parameters
         ----------
@@ -176,7 +176,7 @@ class BarLine:
         -------
         values, slopes : ndarray, shape (k, n, bars)
         """
-        # a product a row of the image
+        # one product per row of the image
         weighted = np.empty((len(good), len(curves) + 1, good.shape[1]), dtype=np.float32)
         weighted[:, 0] = good
         np.multiply(curves, good, out=weighted[:, 1:].transpose(1, 0, 2))
@@ -202,9 +202,9 @@ class BarLine:
     # --- the line -----------------------------------------------------------------------------
 
     def _find_line(self, bars, shift, crosstalk, more):
-        """The line when the template of each bar lies at `shift`, and `more` times anew from it."""
+        """The line for bar templates at `shift`, repeated `more` times from the result."""
         m0, m1, m2, m3 = bars.series
-        # the weights moved by `shift`, as a series
+        # the weights shifted by `shift`, as a Taylor series
         rest = m3 * shift
         rest -= m2
         rest *= shift
@@ -218,8 +218,8 @@ class BarLine:
         alpha, beta, weight, spread, left = self._line(rest, bars, crosstalk is None)
         used = np.add.reduce(weight > 0.0, axis=1)
         if more:
-            # anew where the line has moved, or bars that are off it disturb their neighbours;
-            # a turn of the line about the middle hardly moves the angle
+            # repeat if the line has moved, or bars off the line disturb their neighbours; a
+            # rotation of the line about the middle hardly changes the angle
             again = np.maximum(np.abs(alpha), np.abs(beta) * self._turned) > self._enough
             again |= used < bars.in_view
             if np.logical_or.reduce(again):
@@ -238,14 +238,14 @@ class BarLine:
     def _line(self, values, bars, from_median):
         """Robust straight line.
 
-        Least squares, as long as no bar (but the ends) is missing in it or far from it; else in
-        two steps with Tukey's weights from the median or from zero.
+        Least squares, if no bar (except at the ends) is missing or far from it; else two steps with
+        Tukey's weights, starting from the median or from zero.
 
         Returns
         -------
         alpha, beta : ndarray, shape (n,)
         weight : ndarray, shape (n, bars)
-            Above zero for bars that count.
+            Above zero for bars that are used.
         spread : ndarray, shape (n,)
         rest : ndarray, shape (n, bars)
         """
@@ -256,7 +256,7 @@ class BarLine:
         rest = values - np.matmul(line, self._straight)[:, 0]
         size = np.abs(rest)
         spread = median(size) * _DEVIATION
-        # several wrong bars together tilt the line, and so hide; the bend of three bars does not
+        # several wrong bars together tilt the line and so hide; second differences reveal them
         bend = values[:, 2:] - 2.0 * values[:, 1:-1] + values[:, :-2]
         calm = median(np.abs(bend)) * _BEND
         far = size > np.minimum(spread, calm) * _FAR
@@ -272,7 +272,7 @@ class BarLine:
         return out
 
     def _robust_line(self, values, weight0, from_median):
-        """As `_line`, by Tukey's weights; of full weight `weight0`."""
+        """Like `_line`, with Tukey's weights times `weight0`."""
         middle = median(values) if from_median else np.float32(0.0)
         a, b, weight, cut = self._step(values - middle, weight0)
         a += middle
@@ -284,7 +284,7 @@ class BarLine:
         return a[:, 0], b[:, 0], weight, cut[:, 0] * (1.0 / _CUT), rest
 
     def _step(self, rest, weight0):
-        """Line through `rest` with Tukey's weights, these, and their cut."""
+        """Line through `rest` with Tukey's weights, these weights, and their cut-off."""
         cut = median(np.abs(rest)) * (_DEVIATION * np.float32(_CUT)) + _TINY
         weight = rest / cut
         weight *= weight
@@ -302,12 +302,12 @@ class BarLine:
         return (s2 * t0 - s1 * t1) / det, (s0 * t1 - s1 * t0) / det, weight, cut
 
     def _crosstalk(self, apparent, off, bars):
-        """What bars off the line, at a distance `apparent` (pixels), change in their neighbours."""
+        """Effect of bars off the line, by an `apparent` distance (pixels), on their neighbours."""
         if bars.like_missing is None:
             level, contrast = bars.measured[0], bars.contrast
             bars.like_missing = np.abs(contrast) < 0.25 * median(contrast)
             bars.like_missing &= level > median(level)
-            # level and contrast of a bar, not of a blob
+            # level and contrast of a bar, not of dust
             ratio = contrast / np.maximum(level, 1.0)
             bars.like_bar = np.abs(ratio / median(ratio) - 1.0) < 0.12
         missing, shifted = off & bars.like_missing, off & bars.like_bar
@@ -316,34 +316,34 @@ class BarLine:
 
 
 def _near(rest, values, middle):
-    """Which bars are no further from both curves than the median deviation lets expect."""
+    """Which bars deviate from both curves by no more than expected from the median deviation."""
     near = rest <= middle * _OUTLIER + values * _FLAT
     return near[0] & near[1]
 
 
 class Bars:
-    """What is known of the bars of n frames; arrays of shape (n, bars) unless said.
+    """State of the bars of n frames; arrays of shape (n, bars) by default.
 
     Attributes
     ----------
     visible, good : ndarray of bool
-        Whole in the row; legible, and as the code has it.
+        Completely in the row; legible, and matching the code.
     narrow : ndarray of bool
-        By the code.
+        Narrow by the code.
     pixel, shift : ndarray
-        Middle of the window, and how far the bar is expected beyond it, pixels.
+        Middle of the window, and expected offset of the bar from it, pixels.
     measured : ndarray, shape (11, n, bars)
     contrast : ndarray
     contrast_curve, ground, scale : ndarray
-        Set by `BarLine.fit`: contrast along the row; response of a bar at its place to a template
-        at its place; bar periods a unit of response.
+        Set by `BarLine.fit`: contrast along the row; response of a bar at its position to a
+        template at its position; bar periods per unit of response.
     bar, whole, in_view : ndarray, shape (n,)
-        The bar in the middle; whether all but the first and the last are good; how many are
-        visible.
+        The bar in the middle; whether all but the first and the last are good; number of visible
+        bars.
     like_missing, like_bar : ndarray of bool, or None
-        Whether a bar is none, or has level and contrast of one: once they are requested.
+        Whether a bar is missing, or has the level and contrast of a bar; computed when needed.
     series : ndarray, shape (4, n, bars)
-        Terms of the response to a moved template.
+        Terms of the response to a shifted template.
     """
 
     like_missing = like_bar = None
@@ -355,7 +355,7 @@ class Bars:
         self.__dict__.update(fields)
 
     def rows(self, rows):
-        """Those of some frames."""
+        """The bars of some of the frames."""
         if len(rows) == len(self.visible):
             return self
         return Bars(**{name: getattr(self, name)[rows] for name in self._FIRST},

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Where the bars lie in the row of pixels, whatever their bits."""
+"""Positions of the bars in the row of pixels, independent of their bits."""
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from .bar_template import fixed_point
 from .disc import pixel_places
 
 _TURN = 2.0 * np.pi
-_WIDTH, _STEP = 5.0, 2.5  # of the windows, bar periods
+_WIDTH, _STEP = 5.0, 2.5  # of the windows, in bar periods
 _EVERY = 3  # pixels: enough for a tenth of a pixel
-_LARGEST = 0.012  # relative scale error that is looked for
+_LARGEST = 0.012  # largest relative scale error
 _TINY = np.float32(1e-6)
 
 
@@ -32,21 +32,21 @@ class BarLattice:
     Parameters
     ----------
     design : design.Design
-        Of which it uses the nominal image.
+        Its nominal image is used.
     bars : int
-        Of the disc.
+        Number of bars of the disc.
     half : int
-        Pixels that a whole bar needs on either side of its middle.
+        Pixels that a complete bar needs on either side of its middle.
 
     Attributes
     ----------
     rank : ndarray of float32, shape (bars in view,)
         Numbers of the bars that may be in view; 0 is the one nearest to the middle of the row.
-        All but the first and the last are in view always.
+        All but the first and the last are always in view.
     per_pixel : float
-        Bar periods a pixel, in the middle of the row.
+        Bar periods per pixel, in the middle of the row.
     flat : bool
-        They are fewer towards the ends.
+        Whether they decrease towards the ends.
     """
 
     def __init__(self, design, bars, half):
@@ -70,7 +70,7 @@ class BarLattice:
         for middle in middles:
             x = place - middle
             window = np.where(np.abs(x) < 0.5 * _WIDTH, np.cos(np.pi * x / _WIDTH) ** 2, 0.0)
-            # blind to level and slope of the ground
+            # remove level and slope of the background
             ground = np.stack([np.ones_like(x), x], axis=1)
             wave = -np.exp(-1j * _TURN * place)
             project = np.linalg.solve(ground.T @ (window[:, None] * ground), ground.T * window)
@@ -82,7 +82,7 @@ class BarLattice:
         self._scale = np.float32(1.0 / (_TURN * _STEP * self._lag))
 
     def locate(self, frames):
-        """Place of bar 0 and relative scale error.
+        """Position of bar 0, and relative scale error.
 
         Parameters
         ----------
@@ -91,11 +91,11 @@ class BarLattice:
         Returns
         -------
         alpha, beta : ndarray of float32, shape (n,)
-            Bar `rank` lies at alpha + (1 + beta) * rank bar periods from the middle of the row.
+            Bar `rank` is at alpha + (1 + beta) * rank bar periods from the middle of the row.
         """
-        # pairs of a product, cosine and sine, are seen as complex numbers
+        # pairs of cosine and sine products, viewed as complex numbers
         waves = (frames[:, ::_EVERY].astype(np.float32) @ self._waves).view(np.complex64)
-        # only their phase counts, so that a blob weighs no more than the bars that it hides
+        # use only their phase, so that dust has no more weight than the bars that it hides
         waves /= np.maximum(np.abs(waves), _TINY)
         lag = self._lag
         lagged = np.add.reduce(waves[:, lag:] * waves[:, :-lag].conj(), axis=1)
@@ -110,16 +110,16 @@ class BarLattice:
         return np.arctan2(total.imag, total.real) * (-1.0 / _TURN) * (1.0 + scale), scale
 
     def pixels(self, alpha, beta):
-        """Where to look for each bar.
+        """Pixel at which to expect each bar.
 
         Returns
         -------
         pixel : ndarray of int, shape (n, bars)
-            The nearest one whose window is in the row.
+            The nearest pixel whose window is within the row.
         beyond : ndarray of float32, shape (n, bars)
-            How far the bar is beyond its pixel.
+            Offset of the bar from its pixel.
         visible : ndarray of bool, shape (n, bars)
-            Whether the bar is whole in the row.
+            Whether the bar is completely in the row.
         """
         alpha, beta = alpha[:, np.newaxis], beta[:, np.newaxis]
         if self.flat:
@@ -135,9 +135,9 @@ class BarLattice:
         return inside.astype(np.intp), exact, inside == pixel
 
     def magnification(self, pixel):
-        """Bar periods a pixel there, relative to the middle of the row."""
+        """Bar periods per pixel at a pixel, relative to the middle of the row."""
         return self._magnification[pixel]
 
     def pixels_of(self, pixel):
-        """Pixels a bar period there."""
+        """Pixels per bar period at a pixel."""
         return self._pitch / self._magnification[pixel]

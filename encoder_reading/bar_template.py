@@ -12,25 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the bars of the disc look like in the row of pixels, and the weights that measure it."""
+"""Appearance of the bars in the row of pixels, and the weights that measure it."""
 
 import numpy as np
 
 from .disc import blurred_bar, half_widths
 
 _TURN = 2.0 * np.pi
-_UNLIKE = 0.1  # of the contrast, by which a bar may differ from both kinds
-_DISPLACED = 0.08  # bar periods off its place, from which the width of a bar misleads
-_SHARPEST = 3.0  # blur of the template's slopes, pixels: they move in a short series
+_UNLIKE = 0.1  # largest difference of a bar from both kinds, relative to the contrast
+_DISPLACED = 0.08  # displacement in bar periods from which the width of a bar misleads
+_SHARPEST = 3.0  # least blur of the template's slopes, pixels: keeps their series short
 
 
 def fixed_point(weights):
-    """Weights rounded so that their products with grey levels add up without rounding.
+    """Weights rounded so that sums of their products with grey levels are exact.
 
-    The grey levels are whole, 0 to 255, and the weights become multiples of a power of two, so
-    fine that no sum along the last axis needs more than the 24 bits of a float32. Such a product
-    of matrices is the same to the last bit, in whatever order and blocks it is computed, and so is
-    a reading, whatever else is read with it.
+    The grey levels are integers, 0 to 255, and the weights become multiples of a power of two, so
+    large that no sum along the last axis needs more than the 24 bits of a float32. Such a matrix
+    product is identical to the last bit, in whatever order and blocks it is computed, and so is a
+    reading, whatever else is read with it.
 
     Parameters
     ----------
@@ -46,41 +46,41 @@ def fixed_point(weights):
 
 
 class BarTemplate:
-    """The window of the row about one bar.
+    """The window of the row around one bar.
 
     Parameters
     ----------
     design : design.Design
-        Of which it uses the nominal image.
+        Its nominal image is used.
     bars : int
-        Of the disc.
+        Number of bars of the disc.
 
     Attributes
     ----------
     half : int
         Pixels of the window on either side of its middle.
     inner : slice
-        One bar period of it.
+        Its central bar period.
     columns : ndarray of float32, shape (14, 2 * half + 1)
-        What to multiply the window by: for level, share of a wide and of a narrow bar; for the
-        slope of a wide bar's edges and three terms of its Taylor series; the same of a narrow one;
-        and for what the first three explain, in three parts at right angles to each other.
+        Factors of the window: for level, amount of a wide and of a narrow bar; for the slope of a
+        wide bar's edges and three terms of its Taylor series; the same for a narrow one; and for
+        the part explained by the first three, in three orthogonal components.
     contrast_of, level_of, response, response_slope, ground_moment, contrast_moment : ndarray
-        What an undisturbed bar of contrast 1 shows, by its bits and those of its neighbours, as a
-        number 4 * left + 2 * own + right: shares and level, response of the slope and how it
-        changes with a shift (a pixel), and how the response changes with a tilt of the ground and
-        of the contrast.
+        Measurements of an undisturbed bar of contrast 1, by its bits and those of its neighbours,
+        4 * left + 2 * own + right: sum of amounts and level, response of the slope and its change
+        with a shift (per pixel), and change of the response with a tilt of the background and of
+        the contrast.
     share : tuple of float
-        Middle and reach of abs(narrow - wide) / contrast of a bar that looks like one.
+        Centre and half range of abs(narrow - wide) / contrast for a bar.
     unlike : float
-        Of the contrast: how much a bar may differ (rms) from the nearest sum of both kinds.
+        Largest rms difference of a bar from the nearest sum of both kinds, over the contrast.
     displaced : float
-        Response, as a share of the contrast, of a bar so far off that its width misleads.
+        Response, relative to the contrast, of a bar so displaced that its width misleads.
 
     Raises
     ------
     ValueError
-        Bars so blurred that wide and narrow cannot be separated.
+        Bars are so blurred that wide and narrow cannot be distinguished.
     """
 
     def __init__(self, design, bars):
@@ -103,7 +103,7 @@ class BarTemplate:
                             self._blur) for k in range(3)) for b in self._bits])
 
     def _prepare_kinds(self):
-        """The weights for level, wide and narrow, those for all that these explain."""
+        """Weights for level, wide and narrow, and those for the part that these explain."""
         x = self._x
         inner = np.abs(x) <= 0.5 * self._pitch
         lights = self._light(x)
@@ -114,7 +114,7 @@ class BarTemplate:
         n = np.count_nonzero(inner)
         exact = np.zeros((6, len(x)))
         exact[:3, inner] = np.linalg.pinv(shapes)
-        # the first part is even, so that the large level does not spoil the others
+        # the first component is symmetric, so that the large level does not affect the others
         exact[3:, inner] = np.linalg.qr(shapes)[0].T / np.sqrt(n)
         rounded = fixed_point(exact)
         rounded[3, inner] = 2.0**-6
@@ -123,7 +123,7 @@ class BarTemplate:
         self.inner = slice(int(np.argmax(inner)), int(np.argmax(inner)) + np.count_nonzero(inner))
         measured = lights @ solve.T
         self.level_of, self.contrast_of = measured[:, 0], -(measured[:, 1] + measured[:, 2])
-        # what a bar may show, which lies half a pixel and a bit off; some noise comes on top
+        # the range for bars half a pixel off; noise is added
         share = np.abs(measured[:, 2] - measured[:, 1]) / self.contrast_of
         if np.linalg.cond(shapes) > 200.0 or share.min() < 0.3:
             raise ValueError(
@@ -137,13 +137,13 @@ class BarTemplate:
         return rounded[:3], rounded[3:]
 
     def misfit(self, cells, parts):
-        """Mean square of what neither a wide nor a narrow bar explains of each window.
+        """Mean square of the residuals of each window from both a wide and a narrow bar.
 
         Parameters
         ----------
         cells : ndarray, shape (n, 2 * half + 1)
         parts : ndarray, shape (3, n)
-            Their products with the last three columns.
+            Products of the windows with the last three columns.
 
         Returns
         -------
@@ -160,11 +160,11 @@ class BarTemplate:
         return left
 
     def _prepare_slopes(self):
-        """Slope of the edges and the terms of its Taylor series, shape (2, 4, pixels)."""
+        """Slopes of the edges and the terms of their Taylor series, shape (2, 4, pixels)."""
         blur, h = self._slope_blur, self.half
 
         def slope(x, half):
-            # to nothing at the ends, for they move with the template
+            # zero at the ends, since they move with the template
             edge = np.clip((h - np.abs(x)) / (0.35 * h), 0.0, 1.0)
             taper = edge * edge * (3.0 - 2.0 * edge)
             root = -0.5 / blur**2
@@ -179,36 +179,36 @@ class BarTemplate:
         return np.array(rows).reshape(2, 4, -1)
 
     def _prepare_neighbours(self, slopes):
-        """Responses to the light of a bar and of its neighbours, `slopes` of shape (2, pixels)."""
+        """Responses to the light of a bar and of its neighbours; `slopes` has shape (2, pixels)."""
         x, pitch = self._x, self._pitch
         own = slopes[self._bits[:, 1]]
         low, middle, high = (np.sum(own * self._light(x, s), axis=1) for s in (-0.25, 0.0, 0.25))
         self.response, self.response_slope = middle, (high - low) / 0.5
         self.displaced = _DISPLACED * pitch * self.response_slope.min()
-        # a slope of the ground, and of the contrast, acts as a shift
+        # a slope of the background, or of the contrast, acts like a shift
         self.ground_moment = np.sum(own * x, axis=1)
         self.contrast_moment = np.sum(own * x * self._light(x), axis=1)
-        # what the right neighbour adds, by both bits, when it is shifted; a left one takes the
-        # same away when it is shifted the other way
+        # contribution of a shifted right neighbour, by both bits; a left neighbour shifted in the
+        # opposite direction contributes the negative
         self._shifts = np.linspace(-0.3, 0.3, 25) * pitch
         self._neighbour = np.array([
             [[slopes[mine] @ blurred_bar(np.abs(x - pitch - s), self._halves[other], self._blur)
               for s in self._shifts] for other in (0, 1)] for mine in (0, 1)])
         alone = np.array([[slopes[k] @ blurred_bar(np.abs(x - s), self._halves[k], self._blur)
                            for s in self._shifts] for k in (0, 1)])
-        # a shift so large that the slope is left behind looks smaller
+        # a shift beyond the slope appears smaller
         middle = len(self._shifts) // 2
         gain = (alone[:, middle + 1] - alone[:, middle - 1]) / (
             self._shifts[middle + 1] - self._shifts[middle - 1])
         self._apparent = np.maximum.accumulate(alone / gain[:, np.newaxis], axis=1)
 
     def crosstalk(self, apparent, shifted, missing, narrow):
-        """What bars that are not at their place, or not there, change in the response of others.
+        """Effect of displaced or missing bars on the response of others.
 
         Parameters
         ----------
         apparent : ndarray, shape (n, bars)
-            Distance from the place, pixels, as if the response were linear.
+            Displacement in pixels, assuming a linear response.
         shifted, missing : ndarray of bool, shape (n, bars)
         narrow : ndarray of bool, shape (n, bars)
 
@@ -228,7 +228,7 @@ class BarTemplate:
         middle = places // 2
         shift *= 1.0 / (self._shifts[1] - self._shifts[0])
         for side, end in ((-1, out.shape[1] - 1), (1, 0)):
-            # the bar is the neighbour to the `side` of another one
+            # the bar is the neighbour on this `side` of another one
             inside = np.flatnonzero(bar != end)
             other = off[inside] - side
             table = places * (2 * narrow.take(other) + kind[inside])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a reader knows of an absolute encoder: the drawing of its disc and optics, and no flaw."""
+"""Design of an absolute encoder as known to readers: disc and optics, without flaws."""
 
 import math
 from dataclasses import dataclass, field, fields
@@ -36,41 +36,41 @@ def _choice(doc, default, *others):
 
 @dataclass(frozen=True)
 class Design:
-    """The drawing of an absolute encoder on one axis; by default that of paper 001.
+    """Design of an absolute encoder on one axis; by default that of paper 001.
 
     Parameters
     ----------
     code : {'table', 'equation2'} or str of 0 and 1
-        The disc of the paper's table 1, that of its eq. 2, or the bits of your own, one a bar in
-        the direction in which the disc angle rises; 1 is a narrow bar.
+        The disc of the paper's table 1, that of its eq. 2, or your own bits, one per bar in
+        the direction of increasing disc angle; 1 is a narrow bar.
     diameter : float
-        Of the circle of bars, m.
+        Diameter of the circle of bars, m.
     bar_wide, bar_narrow : float
-        Width of a '0' and of a '1' on the circle, m.
+        Widths of a '0' and of a '1' on the circle, m.
     geometry : {'arc', 'tangent'}
-        The row of pixels bent along the circle, or flat and touching it in its middle.
+        Row of pixels bent along the circle, or straight and tangent to it in its middle.
     pixels : int
-        Of the linear CCD.
+        Number of pixels of the linear CCD.
     bar_pitch : float
-        Pixels a bar period (in the middle of a flat row); the image may differ by 1 %.
+        Pixels per bar period (in the middle of a straight row); the image may differ by 1 %.
     blur : float
         1-sigma of the optical blur, pixels.
     heads : int
-        One reading head, or two opposite ones, of which the mean sees no eccentricity.
+        One reading head, or two opposite ones, whose mean is free of eccentricity.
     mounting : {'detect', 'forward', 'reversed'}
-        Whether the pixels run along the disc or against it. Only the method 'template' can find
-        it out; 'paper' takes 'detect' as 'forward'.
+        Whether the pixels run along the disc or against it. Only the method 'template' can
+        detect this; 'paper' treats 'detect' as 'forward'.
     sense : {'with', 'against'}
-        Whether the disc angle rises with the angle of the axis, or falls.
+        Whether the disc angle increases or decreases with the angle of the axis.
     method : {'template', 'paper'}
-        How an image becomes an angle: `template_reader`, or as paper 001 does, with its faults
+        Method for reading an image: `template_reader`, or that of paper 001, with its faults
         and for its grey levels (`paper_reader`).
 
     Raises
     ------
     ValueError
-        A value out of its range, or not one of those allowed; a code in which 18 bars are found
-        twice; bars that are wider than their period, or a '1' that is wider than a '0'.
+        A value is out of its range or not allowed; 18 bars occur twice in a code; bars are wider
+        than their period, or a '1' is wider than a '0'.
     """
 
     code: str = field(default='table', metadata={
@@ -114,5 +114,5 @@ class Design:
         return disc_of(self.code)
 
 
-#: the disc of a code, as `Design` takes it; ValueError where it is none
+#: the disc of a code, see `Design`; ValueError if the code is invalid
 disc_of = lru_cache(maxsize=8)(Disc)

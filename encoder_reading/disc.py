@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The code disc of paper 001: 1080 bars in one track, each 18 in a row found only once."""
+"""The code disc of paper 001: 1080 bars in one track, where any 18 in a row occur only once."""
 
 import math
 
@@ -24,7 +24,7 @@ WINDOW = 18
 BAR_ANGLE = 2.0 * np.pi / BARS
 #: paper 001, eq. 3
 INITIAL = '100000000110111111'
-#: bits before the new one whose sum modulo 2 it is
+#: positions, counted back, of the bits whose sum modulo 2 is the next bit
 RECURRENCES = {
     'table': (1, 4, 18),  # generates table 1
     'equation2': (7, 18),  # eq. 2, a primitive polynomial, which table 1 does not follow
@@ -37,8 +37,8 @@ def code_bits(code):
     Parameters
     ----------
     code : {'table', 'equation2'} or str of 0 and 1
-        The recurrence that table 1 of paper 001 follows, or that of its eq. 2; both begin with
-        the 18 bits of eq. 3. Or bits of your own, more than 18.
+        The recurrence of table 1 of paper 001, or that of its eq. 2; both begin with the
+        18 bits of eq. 3. Or your own bits, more than 18.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def code_bits(code):
 
 
 def windows_of(bits, length=WINDOW):
-    """Each bit with those that follow it around the disc, shape (bars, length)."""
+    """Each bit with its successors around the disc, shape (bars, length)."""
     bits = np.asarray(bits)
     return bits[(np.arange(len(bits))[:, np.newaxis] + np.arange(length)) % len(bits)]
 
@@ -71,12 +71,12 @@ _WEIGHTS = 1 << np.arange(WINDOW - 1, -1, -1)
 
 
 class Disc:
-    """A disc and the table that finds a place on it.
+    """A disc, with a table for finding places on it.
 
     Parameters
     ----------
     code : {'table', 'equation2'} or str of 0 and 1
-        A code of paper 001, or one of your own, of any number of bars above 18.
+        A code of paper 001, or your own, with any number of bars above 18.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Disc:
     Raises
     ------
     ValueError
-        Unknown code, or one with two equal windows: both places are named.
+        Unknown code, or one with two equal windows; the message names both places.
     """
 
     def __init__(self, code='table'):
@@ -118,7 +118,7 @@ class Disc:
         Returns
         -------
         ndarray of int, shape (...)
-            -1 where the disc has no such window.
+            -1 if the disc has no such window.
         """
         return self._place[np.asarray(windows, dtype=np.int64) @ _WEIGHTS].astype(np.int64)
 
@@ -128,34 +128,34 @@ INVERSION = 250.0
 
 
 def pixel_places(design, bars):
-    """Place on the track that each pixel looks at, in bar periods from the middle of the row.
+    """Place on the track seen by each pixel, in bar periods from the middle of the row.
 
     Parameters
     ----------
     design : design.Design
     bars : int
-        Of the disc.
+        Number of bars of the disc.
 
     Returns
     -------
     ndarray, shape (pixels,)
-        Rising with the disc angle.
+        Increasing with the disc angle.
     """
     offset = np.arange(design.pixels) - 0.5 * (design.pixels - 1)
     return along_track(offset / design.bar_pitch, design.geometry, bars)
 
 
 def along_track(offset, geometry, bars):
-    """Bar periods along the circle of offsets in periods along the row.
+    """Convert offsets along the row to offsets along the circle, both in bar periods.
 
     Parameters
     ----------
     offset : ndarray
         From the middle of the row.
     geometry : {'arc', 'tangent'}
-        The row is bent along the circle, or flat and touches it in its middle.
+        The row is bent along the circle, or straight and tangent to it in its middle.
     bars : int
-        Of the disc.
+        Number of bars of the disc.
     """
     if geometry == 'tangent':
         radius = bars / (2.0 * math.pi)
@@ -164,7 +164,7 @@ def along_track(offset, geometry, bars):
 
 
 def blurred_bar(distance, half_width, blur):
-    """Light 0..1 of a bar behind a Gaussian blur, at distances from its centre, in pixels."""
+    """Light (0 to 1) of a bar after a Gaussian blur, at distances from its centre, in pixels."""
     erf = np.frompyfunc(math.erf, 1, 1)
     root = math.sqrt(2.0) * blur
     edges = erf((distance + half_width) / root) - erf((distance - half_width) / root)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames of an absolute encoder as ROS images, and back."""
+"""Frames of an absolute encoder as ROS images, and the inverse."""
 
 import array
 
@@ -25,14 +25,14 @@ _ENCODINGS = ('mono8', '8UC1')
 
 
 def frame_message(stamp, frames):
-    """A mono8 image with a row for each reading head: those of the first axis, then of the second.
+    """A mono8 image with one row per reading head: first axis, then second.
 
     Parameters
     ----------
     stamp : int
         ns.
     frames : sequence of ndarray of uint8, shape (heads, pixels)
-        Of each axis; the rows of a shorter CCD are filled with 0.
+        Frames of each axis; rows of a shorter CCD are padded with 0.
     """
     rows = np.zeros((sum(map(len, frames)), max(part.shape[1] for part in frames)), np.uint8)
     first = 0
@@ -46,7 +46,7 @@ def frame_message(stamp, frames):
 
 
 def read_frame(message, axes):
-    """The way back from `frame_message`.
+    """The inverse of `frame_message`.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ def read_frame(message, axes):
     stamp : int
         ns.
     frames : list of ndarray of uint8, shape (heads, pixels)
-        Of each axis, views of the message.
+        Frames of each axis, views of the message.
 
     Raises
     ------
     ValueError
-        Not 8 bits of grey, not of that many rows or columns, cut short, or without a stamp.
+        Not 8-bit grey, wrong number of rows or columns, truncated, or without a stamp.
     """
     heads = [axis.design.heads for axis in axes]
     width = max(axis.design.pixels for axis in axes)

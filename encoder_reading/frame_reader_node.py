@@ -33,7 +33,7 @@ from .frame_messages import read_frame
 
 
 def _param(axis, item):
-    """The parameter of an axis for a field of `Design`, in the unit of a data sheet."""
+    """Parameter of an axis for a field of `Design`, in the unit of a data sheet."""
     rules, value = item.metadata, item.default
     unit, low_high = rules.get('unit', ''), rules.get('range', (None, None))
     return Param(
@@ -44,7 +44,7 @@ def _param(axis, item):
         fixed=True)
 
 
-#: parameters of each axis with the field of `Design` that they give
+#: parameters of each axis, with the corresponding fields of `Design`
 DESIGN_PARAMS = {axis: [(item, _param(axis, item)) for item in fields(Design)]
                  for axis in convert.AXES}
 PARAMS = (
@@ -63,12 +63,12 @@ def axes_of(values):
     Parameters
     ----------
     values : dict
-        Of all parameters.
+        Values of all parameters.
 
     Raises
     ------
     ValueError
-        A design that contradicts itself or cannot be read; it names the axis.
+        A design is inconsistent or cannot be read; the message names the axis.
     """
     out = []
     lowest = convert.LOWEST_READING.get(values['mount'])
@@ -83,7 +83,7 @@ def axes_of(values):
 
 
 class FrameReader(MountNode):
-    """Turns images into readings; NaN where an image could not be read."""
+    """Converts images to readings; NaN if an image could not be read."""
 
     def __init__(self, **kwargs):
         super().__init__('frame_reader', PARAMS, hardware_id='absolute encoder, its images',
@@ -96,7 +96,7 @@ class FrameReader(MountNode):
         self.subscribe(topics.ABSOLUTE_FRAME, self._on_frame, self._batch.finish)
 
     def check_together(self, values):
-        """Whether both designs can be read."""
+        """Check that both designs can be read."""
         axes_of(values)
 
     def _on_frame(self, message):
@@ -107,5 +107,5 @@ class FrameReader(MountNode):
         self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)], power_ons)
 
     def required(self):
-        """It needs images."""
+        """Requires images."""
         return {self.resolve_topic_name(topics.ABSOLUTE_FRAME.name)}

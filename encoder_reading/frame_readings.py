@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every reader makes of the frames of the linear CCD."""
+"""Results of all readers of the linear CCD's frames."""
 
 from dataclasses import dataclass
 
@@ -25,18 +25,18 @@ QUALITIES = ('exact', 'corrected', 'rejected')
 
 @dataclass(frozen=True)
 class FrameReadings:
-    """The readings of n frames.
+    """Readings of n frames.
 
     Attributes
     ----------
     angle : ndarray, shape (n,)
-        Disc angle at the middle of the row, rad in [0, 2 pi); NaN where rejected.
+        Disc angle at the middle of the row, rad in [0, 2 pi); NaN if rejected.
     quality : ndarray of int8, shape (n,)
-        EXACT: every bar that was read fits the code there. CORRECTED: some bars do not, and the
-        place was found all the same. REJECTED: no angle.
+        EXACT: all bars match the code. CORRECTED: some bars do not, but the place was found.
+        REJECTED: no angle.
     sigma : ndarray, shape (n,)
-        Standard error of the angle from the image alone, rad; NaN where rejected, or where the
-        method knows none.
+        Standard error of the angle from the image alone, rad; NaN if rejected, or if the method
+        has no estimate.
     """
 
     angle: np.ndarray
@@ -50,7 +50,7 @@ def checked_frames(frames, pixels):
     Raises
     ------
     ValueError
-        They have another number of pixels.
+        The number of pixels is wrong.
     """
     frames = np.asarray(frames)
     frames = frames[np.newaxis] if frames.ndim == 1 else frames

@@ -30,31 +30,31 @@ _CHUNK = 64  # frames worked on at once, to bound the memory
 
 
 class BarReader:
-    """Decoding of paper 001, section 2.1, which its method and its rivals share.
+    """Decoding of paper 001, section 2.1, common to its method and its rivals.
 
-    The row is inverted (eq. 4). Bars are the runs of pixels above a threshold, '0' where their
-    integrated grey level reaches the width threshold and '1' below. A bar that touches an end of
-    the row is left out. The first 18 are looked for in the code, for which the paper names the
-    Knuth-Morris-Pratt search; a table of all windows gives the same answer.
+    The row is inverted (eq. 4). Bars are runs of pixels above a threshold, '0' if their integrated
+    grey level reaches the width threshold, else '1'. Bars that touch an end of the row are ignored.
+    The first 18 are searched in the code, for which the paper uses the Knuth-Morris-Pratt search; a
+    table of all windows gives the same answer.
 
     Parameters
     ----------
     design : design.Design
-        Of which they use `pixels`, `bar_pitch` and `mounting`.
+        Uses its `pixels`, `bar_pitch` and `mounting`.
     disc : disc.Disc, optional
-        Another than that of the design.
+        A disc other than that of the design.
 
     Notes
     -----
-    With noise the edge of a bar crosses the threshold more than once. The paper does not say what
-    it does about that; here gaps and bars narrower than 5 pixels count for nothing.
+    With noise the edge of a bar crosses the threshold several times. The paper does not say how it
+    treats that; here gaps and bars narrower than 5 pixels are ignored.
     """
 
-    #: frames to read at once, for that the last digit does not depend on their number
+    #: number of frames to read at once, so that the last digit does not depend on their number
     BLOCK = 8
     _SMALLEST = 5
     _READINGS = FrameReadings
-    _COLUMNS = 1  # that `_place` returns: place in bars, not wrapped, and more
+    _COLUMNS = 1  # number returned by `_place`: place in bars, not wrapped, and others
 
     def __init__(self, design, disc=None):
         self.disc = design.disc if disc is None else disc
@@ -68,12 +68,12 @@ class BarReader:
         Parameters
         ----------
         frames : ndarray, shape (n, pixels)
-            Grey levels as the CCD delivers them, bars dark.
+            Grey levels as delivered by the CCD, with dark bars.
 
         Returns
         -------
         PaperReadings
-            EXACT or REJECTED, and no sigma: these methods correct and estimate nothing.
+            EXACT or REJECTED, without sigma: these methods correct and estimate nothing.
 
         Raises
         ------
@@ -90,13 +90,13 @@ class BarReader:
             if len(found):
                 columns[:, i + found] = self._place(grey[found], bars.rows(found))
         angle = columns[0] % self.disc.bars * self.disc.bar_angle
-        # a hair below a full turn is rounded up to it
+        # values just below a full turn are rounded up to it
         angle = np.where(angle >= _TURN, 0.0, angle)
         quality = np.where(np.isnan(angle), REJECTED, EXACT).astype(np.int8)
         return self._READINGS(angle, quality, np.full(len(frames), np.nan), *columns[1:])
 
     def decode(self, grey):
-        """The whole bars of inverted frames, shape (n, pixels).
+        """Complete bars of inverted frames, shape (n, pixels).
 
         Returns
         -------
@@ -117,7 +117,7 @@ class BarReader:
         row = starts // row_length
         starts, ends = starts - row * row_length, ends - row * row_length
         whole = (starts > 0) & (ends < pixels) & (ends - starts >= self._SMALLEST)
-        # NaN is never above the threshold: a frame with one is not to be trusted
+        # NaN is never above the threshold: do not trust such a frame
         whole &= np.isfinite(grey).all(axis=1)[row]
         row, starts, ends = row[whole], starts[whole], ends[whole]
 
@@ -135,15 +135,15 @@ class BarReader:
 
 
 class PaperBars:
-    """Whole bars of n frames.
+    """Complete bars of n frames.
 
     Attributes
     ----------
     first : ndarray of int, shape (n,)
-        Number on the disc of the first one; -1 where the first 18 are not on it.
+        Number on the disc of the first bar; -1 if the first 18 are not on the disc.
     count : ndarray of int, shape (n,)
     start, end : ndarray of int, shape (n, k)
-        First pixel, and one past the last; beyond `count` without meaning.
+        First pixel, and one past the last; meaningless beyond `count`.
     """
 
     def __init__(self, first, count, start, end):
@@ -160,14 +160,14 @@ class PaperBars:
 
 @dataclass(frozen=True)
 class PaperReadings(FrameReadings):
-    """What `PaperReader` says beside angle and quality; NaN where there was nothing to fit.
+    """Readings of `PaperReader` with the fit; NaN if there was nothing to fit.
 
     Attributes
     ----------
     r_square : ndarray, shape (n,)
         Goodness of the fit (eq. 7).
     period : ndarray, shape (n,)
-        Of the fitted sine, pixels.
+        Period of the fitted sine, pixels.
     """
 
     r_square: np.ndarray
@@ -177,27 +177,27 @@ class PaperReadings(FrameReadings):
 class PaperReader(BarReader):
     """The paper's own method: a sine through the whole row (eqs. 5 to 13).
 
-    Newton's method fits ``A sin(w x + phi) + n`` to the inverted row, from a straight line through
-    the decoded bars, until the norm of the step is at most 1e-6; a fit with an R-square below 0.6
-    or without convergence is rejected. The phase at pixel 0, by the rule of eq. 12, is the place
-    within a bar, and the first whole bar the bar. Eq. 11 measures from a first reading; here that
-    is the nominal row with bar 0 in its middle.
+    Newton's method fits ``A sin(w x + phi) + n`` to the inverted row, starting from a straight
+    line through the decoded bars, until the norm of the step is at most 1e-6; fits with an
+    R-square below 0.6 or without convergence are rejected. The phase at pixel 0, by the rule of
+    eq. 12, gives the position within a bar, and the first complete bar the number. Eq. 11 is
+    relative to a first reading; here that is the nominal row with bar 0 in its middle.
 
     Parameters
     ----------
     design, disc
         As for the others.
     cycle : {'equation12', 'centres'}
-        How the phase finds its bar: by the paper's rule, or by the centres of the decoded bars.
+        How the phase is assigned to a bar: by the paper's rule, or by the decoded bars' centres.
 
     Notes
     -----
-    Eq. 12 holds only where the widest bar takes less than half a period. At 48 pixels a bar the
-    wide bars take 25.9: a phase just below 0 then belongs to a bar that is cut and left out, and
-    the reading is one bar (1200") off.
+    Eq. 12 is only valid if the widest bar takes less than half a period. At 48 pixels per bar the
+    wide bars take 25.9: a phase just below 0 then belongs to a bar that is cut off and ignored, and
+    the reading is wrong by one bar (1200").
 
-    The bars that the ends of the row cut bend the fitted period, and the phase at pixel 0
-    extrapolates that: 4 to 5" (1 sigma over the disc).
+    Bars cut by the ends of the row distort the fitted period, and the phase at pixel 0 extrapolates
+    this: 4 to 5" (1 sigma over the disc).
     """
 
     _MAX_ITERATIONS = 30
@@ -239,14 +239,14 @@ class PaperReader(BarReader):
         grey : ndarray, shape (n, pixels)
             Inverted grey levels.
         omega, phase : ndarray, shape (n,)
-            Where to start, rad a pixel and rad.
+            Initial values, rad per pixel and rad.
 
         Returns
         -------
         unknowns : ndarray, shape (4, n)
             Amplitude (positive), frequency, phase at pixel 0 in [-pi, pi) and level (eq. 5).
         r_square : ndarray, shape (n,)
-            Goodness of the fit (eq. 7), 0 where it did not converge.
+            Goodness of the fit (eq. 7), 0 without convergence.
         """
         x = self._x[: grey.shape[1]]
         level = grey.mean(axis=1)
@@ -257,7 +257,7 @@ class PaperReader(BarReader):
         going = np.arange(len(grey))
         for _ in range(self._MAX_ITERATIONS):
             gradient, hessian, misfit[going] = _derivatives(grey[going], x, unknowns[going])
-            # far from the solution the Hessian may be singular: such a fit ends as not converged
+            # far from the solution the Hessian may be singular: such fits do not converge
             hessian[np.linalg.det(hessian) == 0.0] = np.eye(4)
             step = np.linalg.solve(hessian, -gradient[:, :, np.newaxis])[:, :, 0]
             unknowns[going] += step
@@ -273,7 +273,7 @@ class PaperReader(BarReader):
 
 
 def sine_start(rank, centre):
-    """Frequency and phase at pixel 0 of the line through bars, whose centres are maxima.
+    """Frequency and phase at pixel 0 from the line through bars, whose centres are maxima.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def sine_start(rank, centre):
 
 
 def _derivatives(grey, x, unknowns):
-    """Gradient, Hessian and value of the sum of squares (all but the value: half of it)."""
+    """Gradient, Hessian and value of the sum of squares (the derivatives halved)."""
     a, w, p, level = unknowns[:, :, np.newaxis].transpose(1, 0, 2)
     argument = w * x + p
     sine, cosine = np.sin(argument), np.cos(argument)

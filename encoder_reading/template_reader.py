@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The method that ships: every visible bar is compared with what it must look like there."""
+"""The default method: compares every visible bar with its expected appearance."""
 
 from dataclasses import dataclass
 
@@ -33,30 +33,30 @@ from .bar_template import BarTemplate
 from .disc import windows_of
 from .frame_readings import REJECTED, FrameReadings, checked_frames
 
-_CHUNK = 1024  # frames worked on at once: the calls cost little then, and 12 MB are enough
-_WINDOWS = 8192  # of bars at once, which stay in the cache
-_FEWEST = 22  # bars, that tell the direction
-_LARGEST = 1e6  # grey levels in float frames
+_CHUNK = 1024  # frames processed at once: calls then cost little, with 12 MB
+_WINDOWS = 8192  # bars processed at once, which fit in the cache
+_FEWEST = 22  # bars needed to determine the direction
+_LARGEST = 1e6  # grey level in float frames
 
 
 @dataclass(frozen=True)
 class TemplateReadings(FrameReadings):
-    """What `TemplateReader` says of n frames beside angle and quality.
+    """Readings of `TemplateReader` with further results.
 
     Attributes
     ----------
     reason : ndarray of int8, shape (n,)
-        Index into `bar_decoding.REASONS`; 0 where the frame was read.
+        Index into `bar_decoding.REASONS`; 0 if the frame was read.
     backwards : ndarray of bool, shape (n,)
-        The pixels run against the disc.
+        Whether the pixels run against the disc.
     wrong : ndarray of int, shape (n,)
-        Visible bars that are not as the code has them, or that could not be read.
+        Number of visible bars that differ from the code or could not be read.
     used : ndarray of int, shape (n,)
-        Bars that decided the angle.
+        Number of bars that determined the angle.
 
     Notes
     -----
-    `sigma` comes from the scatter of the bars about their line.
+    `sigma` is computed from the scatter of the bars about their line.
     """
 
     reason: np.ndarray
@@ -66,55 +66,55 @@ class TemplateReadings(FrameReadings):
 
 
 class TemplateReader:
-    """Decode, then fit the template of the decoded bars.
+    """Decodes, then fits the template of the decoded bars.
 
-    1. Sine and cosine of the nominal bar period under windows along the row give phase and scale
-       to a tenth of a pixel, whatever the bits (`bar_lattice`).
-    2. A window of the row about each bar is compared with a wide and with a narrow bar: bit,
-       contrast and level (`bar_template`). A bar that resembles neither is left out.
-    3. The bits in the middle are looked up on the disc; where not all of the row fits there, it
-       is compared with all places of the disc at once (`bar_decoding`).
-    4. The slope of its two edges, of which the code knows whether they are those of a wide or of a
-       narrow bar and between which neighbours, gives the shift of each bar; contrast and level
-       come from a smooth curve along the row, so that shading does not act as a shift.
-    5. A robust straight line through the shifts gives place and scale; with the weights of step 4
-       it is the least-squares fit of the whole template (`bar_fit`). Where the line has moved by
-       more than the response is straight, or bars are off it, once more from there: then it is
-       also known what the displaced and missing bars change in the windows of their neighbours.
+    1. Sine and cosine of the nominal bar period in windows along the row give phase and scale
+       to a tenth of a pixel, independent of the bits (`bar_lattice`).
+    2. A window of the row around each bar is compared with a wide and with a narrow bar: bit,
+       contrast and level (`bar_template`). Bars that resemble neither are left out.
+    3. The bits in the middle are looked up on the disc; if not all of the row matches there, it
+       is compared with all places of the disc (`bar_decoding`).
+    4. The slope of the bar's two edges, which by the code belong to a wide or a narrow bar between
+       known neighbours, gives the shift of each bar; contrast and level are taken from a smooth
+       curve along the row, so that shading does not appear as a shift.
+    5. A robust straight line through the shifts gives position and scale; with the weights of
+       step 4 it is the least-squares fit of the whole template (`bar_fit`). If the line has moved
+       beyond the linear range of the response, or bars are off it, the fit is repeated from there,
+       including the effect of displaced and missing bars on the windows of their neighbours.
 
-    A frame that runs against the disc is recognised, for from 22 bars on no window of the codes
-    read backwards is one read forwards; the angle in the middle of the row is the same.
+    A frame that runs against the disc is recognised, since from 22 bars on no window of the codes
+    read backwards equals one read forwards; the angle in the middle of the row is the same.
 
-    A frame in 8 bits is read the same to the last bit, whatever it is read together with: products
-    with pixels are exact (`bar_template.fixed_point`), and all else is done row by row.
+    An 8-bit frame is read identically to the last bit, whatever is read with it: products
+    with pixels are exact (`bar_template.fixed_point`), and everything else is done row by row.
 
     Parameters
     ----------
     design : design.Design
-        Its `mounting` says in which direction the pixels may run; a frame in the other one is
-        rejected.
+        Its `mounting` gives the allowed direction of the pixels; frames in the other direction
+        are rejected.
     disc : disc.Disc, optional
-        Another than that of the design.
+        A disc other than that of the design.
 
     Raises
     ------
     ValueError
-        Fewer than 22 bars in view; bars so blurred that wide and narrow cannot be separated.
+        Fewer than 22 bars in view; bars so blurred that wide and narrow cannot be distinguished.
     """
 
-    #: frames are read alike, however many at once
+    #: readings do not depend on the number of frames read at once
     BLOCK = None
-    #: of the pixels, at 255
+    #: largest fraction of the pixels at 255
     MAX_SATURATED = 0.05
-    #: grey levels
+    #: least contrast, grey levels
     MIN_CONTRAST = 4.0
-    #: of the bars that may be in view, in the line
+    #: least fraction of the bars that may be in view in the line
     MIN_SHARE = 0.5
-    #: scatter of the bars about their line, bar periods
+    #: largest scatter of the bars about their line, bar periods
     MAX_SCATTER = 0.1
-    #: relative error of the scale
+    #: largest relative error of the scale
     MAX_SCALE = 0.02
-    #: how far the line may move from where the phase put it, bar periods
+    #: largest correction of the line's initial position, bar periods
     MAX_MOVE = 0.25
 
     def __init__(self, design, disc=None):
@@ -142,7 +142,7 @@ class TemplateReader:
         Parameters
         ----------
         frames : ndarray, shape (n, pixels)
-            Grey levels as the CCD delivers them, bars dark.
+            Grey levels as delivered by the CCD, with dark bars.
 
         Returns
         -------
@@ -157,7 +157,7 @@ class TemplateReader:
         if len(frames) == 0:
             kinds = (float, np.int8, float, np.int8, bool, np.int64, np.int64)
             return TemplateReadings(*(np.empty(0, dtype=kind) for kind in kinds))
-        # a frame that is no image leads to numbers that are none: it is rejected in the end
+        # invalid images lead to invalid numbers, and are rejected at the end
         with np.errstate(all='ignore'):
             if len(frames) <= _CHUNK:
                 return TemplateReadings(*self._read(frames))
@@ -165,7 +165,7 @@ class TemplateReader:
         return TemplateReadings(*(np.concatenate(column) for column in zip(*parts)))
 
     def _read(self, frames):
-        """The fields of TemplateReadings; the other direction is tried where the code fails."""
+        """The fields of TemplateReadings; tries the other direction if the code does not match."""
         turned = self.mounting == 'reversed' or self.mounting == 'detect' and self._backwards
         fields = self._read_one_way(frames[:, ::-1] if turned else frames)
         reason, backwards = fields[3:5]
@@ -181,7 +181,7 @@ class TemplateReader:
                 again[4][:] = not turned
                 for field, values in zip(fields, again):
                     field[rows] = values[fits]
-                # only the speed depends on which is tried first
+                # the direction tried first only affects the speed
                 self._backwards ^= len(rows) > 0.5 * len(frames)
         return fields
 
@@ -202,7 +202,7 @@ class TemplateReader:
         fine &= spread <= self.MAX_SCATTER
         fine &= np.abs(beta) <= self.MAX_SCALE
         fine &= np.abs(move) <= self.MAX_MOVE
-        # above zero throughout, so that no angle is rounded up to a full turn
+        # always positive, so that no angle is rounded up to a full turn
         place = (bar + self.disc.bars) - alpha.astype(float) / (1.0 + beta)
         angle = np.fmod(place, self.disc.bars) * self.disc.bar_angle
         sigma = spread * self.disc.bar_angle / np.sqrt(used)
@@ -216,9 +216,9 @@ class TemplateReader:
         return angle, quality, sigma, reason, np.zeros(n, dtype=bool), wrong, used
 
     def _reject(self, frames, bits, fine, spoilt, reason):
-        """Set the reason for each frame that is not as it ought to be; the last one counts.
+        """Set the reason of each invalid frame; later checks take precedence.
 
-        `frames`: None where no pixel is saturated.
+        `frames`: None if no pixel is saturated.
         """
         reason[~fine & (reason == 0)] = OUT_OF_LINE
         reason[np.maximum.reduce(bits.usual, axis=1) < self.MIN_CONTRAST] = NO_CONTRAST
@@ -228,18 +228,18 @@ class TemplateReader:
             reason[spoilt] = NOT_FINITE
 
     def _measure(self, frames, pixel):
-        """The window of the row about each bar.
+        """Measure the window of the row around each bar.
 
         Returns
         -------
         measured : ndarray, shape (11, n, bars)
-            Its products with the columns of the template.
+            Products of the windows with the columns of the template.
         unlike : ndarray, shape (n, bars)
-            Mean square of what neither a wide nor a narrow bar explains.
+            Mean square of the residuals from both a wide and a narrow bar.
         """
         n, half = len(frames), self._template.half
         length = 2 * half + 1
-        # every window of the rows, which lie one behind the other, without a copy
+        # view of all windows of the consecutive rows, without a copy
         windows = np.ndarray((frames.size - length + 1, length), frames.dtype, frames, 0,
                              2 * frames.strides[1:])
         first = (pixel + (self.pixels * np.arange(n)[:, np.newaxis] - half)).ravel()
@@ -257,7 +257,7 @@ class TemplateReader:
 
 
 def _usable(frames):
-    """Frames in one piece, in 8 bits or as float32, and the rows that are no grey levels."""
+    """Contiguous frames, 8-bit or float32, and the rows that are not grey levels."""
     if frames.dtype == np.uint8:
         return np.ascontiguousarray(frames), None
     frames = np.ascontiguousarray(frames, dtype=np.float32)

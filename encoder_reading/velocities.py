@@ -12,44 +12,44 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Velocities of the axes as differences of readings."""
+"""Velocities of the axes from differences of readings."""
 
 import numpy as np
 
 from msg_tools.units import wrap
 
-#: s between two readings from which on they give no velocity: the axis may have been elsewhere
+#: s between readings from which on they give no velocity: the axis may have been elsewhere
 LONGEST_GAP = 1.0
 
 
 class Velocities:
-    """Velocities from a reader's own readings: the last two over the time between them.
+    """Velocities from a reader's own readings: difference of the last two over the time between.
 
-    An image gives no velocity. Of readings with a standard error sigma, `dt` apart, the velocity
-    has sqrt(2) sigma / dt.
+    An image alone gives no velocity. For readings with a standard error sigma, `dt` apart, that of
+    the velocity is sqrt(2) sigma / dt.
     """
 
     def __init__(self):
         self._last = None
 
     def forget(self):
-        """What follows has nothing to do with what was read before."""
+        """Forget the last reading, since the next one is not related to it."""
         self._last = None
 
     def __call__(self, stamp, angle):
-        """Velocities with the reading of `stamp`.
+        """Velocities at the reading of `stamp`.
 
         Parameters
         ----------
         stamp : int
             ns.
         angle : array_like, shape (n,)
-            Of each axis, rad; NaN where rejected.
+            Angle of each axis, rad; NaN if rejected.
 
         Returns
         -------
         ndarray, shape (n,)
-            rad/s; NaN without two good readings in a row.
+            rad/s; NaN without two consecutive good readings.
         """
         before, self._last = self._last, (stamp, np.asarray(angle, dtype=float))
         passed = np.nan if before is None else (stamp - before[0]) * 1e-9
