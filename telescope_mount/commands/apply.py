@@ -25,12 +25,11 @@ from . import options
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
-        'apply', help='turn directions into encoder angles by a model, or back',
-        description='Read a table with the columns az_deg, el_deg (with --reverse az_enc_deg, '
-        'el_enc_deg). Write it with the angles of the other side in two further columns. '
-        'Or with ra_deg, dec_deg and the time of each, at a site: then with where a perfect mount '
-        'reads, too. Further columns by the names of a run (time, temperature_c, approach_az, '
-        '...) drive the effects that need them.')
+        'apply', help='convert directions to encoder angles with a model, or back',
+        description='Read a table with the columns az_deg, el_deg (with --reverse: az_enc_deg, '
+        'el_enc_deg) and write it with the converted angles in two more columns. From ra_deg, '
+        'dec_deg, a time and a site it also writes the observed place. Further columns, named as '
+        'in a run (time, temperature_c, approach_az, ...), drive the effects that need them.')
     parser.add_argument('model', type=options.model_path, metavar='MODEL',
                         help='a model file of ours (.json, '
                         '.yaml), or of a program that `export --to` writes')
@@ -41,19 +40,19 @@ def add(commands):
                         'standard output')
     options.add_overwrite(parser)
     parser.set_defaults(written=('out',))
-    parser.add_argument('--time', metavar='UTC', help='of all rows, ISO 8601; goes before a '
+    parser.add_argument('--time', metavar='UTC', help='UTC of all rows, ISO 8601; overrides a '
                         'column time')
     parser.add_argument('--set', action='append', default=[], metavar='COLUMN=VALUE', dest='given',
-                        help='a driver of all rows, as temperature_c=4.5')
+                        help='value of a column in all rows, such as temperature_c=4.5')
     parser.add_argument('--zero', default='newest', metavar='WHICH', help='zero of the model: '
                         'newest (default; by row, if there is a column run), none, or the number '
                         'of a run')
     options.add(parser, 'latitude', 'longitude', 'height', 'pressure', 'temperature')
     options.add(parser, 'equinox', help='of ra_deg, dec_deg: J2000 (default, with the ICRS), or '
                 'apparent places of date')
-    options.add(parser, 'mount', help='that a model of another program is of: '
-                f'{options.MOUNT_KINDS}; equatorial ones with --latitude. Its columns are then '
-                'ha_deg, dec_deg ...')
+    options.add(parser, 'mount', help="mount of another program's model: "
+                f'{options.MOUNT_KINDS}; equatorial ones need --latitude, and columns ha_deg, '
+                'dec_deg ...')
 
 
 def run(args):

@@ -25,15 +25,15 @@ def add(commands):
     parser = commands.add_parser(
         'bolts', help='which bolt of the mount to turn, which way and how far',
         description='From the terms of a model or run: bolts of an equatorial mount, shim for its '
-        'cone error, feet of an alt-azimuth mount. With --live: what is '
-        'left, image by image, while they are turned.')
+        'cone error, feet of an alt-azimuth mount. With --live: the '
+        'remaining error, image by image, while you turn them.')
     parser.add_argument('file', type=options.log_path, nargs='?', metavar='MODEL|RUN',
                         help='a model file of ours (.json, .yaml), or a run to fit; with --live '
                         'it may be left out')
     parser.add_argument('--pole', choices=('true', 'refracted'), default='true',
-                        help='which one is meant (default: true; the refracted one is higher)')
-    parser.add_argument('--per-turn', type=_pair, metavar='AZ,ALT', help='what one turn of the '
-                        'bolt in azimuth, and of that in altitude, moves, arcmin')
+                        help='pole to align to (default: true; the refracted one is higher)')
+    parser.add_argument('--per-turn', type=_pair, metavar='AZ,ALT', help='arcmin that one turn '
+                        'of the azimuth bolt, and of the altitude bolt, moves the axis')
     parser.add_argument('--saddle', type=options.real(1.0, 1e5, 'mm'), metavar='MM',
                         help='distance of the points that carry the tube: for a shim against the '
                         'cone error')
@@ -41,7 +41,7 @@ def add(commands):
                         'alt-azimuth mount: radius of the circle of feet in mm, how many, azimuth '
                         'of the first (default: 3 feet, the first in the north)')
     parser.add_argument('--live', metavar='FOLDER', help='watch a folder of images, '
-                        'solved or not, and print what is left after each; '
+                        'solved or not, and print the remaining error after each; '
                         'indi:HOST[:PORT[:CAMERA]] takes them with a camera of an INDI server')
     parser.add_argument('--exposure', type=options.real(1e-3, 600.0, 's'), metavar='S',
                         default=options.Default('telescope_mount.live_bolts.EXPOSURE'),
@@ -63,8 +63,8 @@ def add(commands):
                         'ends after this (default: %(default)s)')
     parser.add_argument('--within', type=options.real(0.1, 36000.0, 'arcsec'),
                         default=options.Default('telescope_mount.live_bolts.WITHIN_ARCSEC'),
-                        metavar='ARCSEC', help='with --live: it ends once the axis, by three '
-                        'images after a turn, is as near to the pole (default: %(default)s)')
+                        metavar='ARCSEC', help='with --live: stop when three images after a turn '
+                        'show the axis this close to the pole (default: %(default)s)')
     options.add(parser, 'encoder', *options.OF_RUNS)
     options.add_verbose(parser, 'notes')
     options.add_json(parser, 'where the axis points, and what to turn')
@@ -83,7 +83,7 @@ def _numbers(text, least, most, words):
 def _pair(text):
     values = _numbers(text, 2, 2, 'AZ,ALT in arcmin, as 31,44')
     if not min(values) > 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r}: a turn moves more than nothing')
+        raise argparse.ArgumentTypeError(f'{text!r}: both must be more than 0 arcmin')
     return values
 
 
@@ -91,7 +91,7 @@ def _feet(text):
     given = _numbers(text, 1, 3, 'RADIUS,N,AZIMUTH, as 1200,3,0')
     radius, count, first = *given, *(3.0, 0.0)[len(given) - 1:]
     if not radius > 0.0 or count < 3 or count != int(count) or count > 1000:
-        raise argparse.ArgumentTypeError(f'{text!r}: a radius in mm, and three feet or more')
+        raise argparse.ArgumentTypeError(f'{text!r}: write a radius in mm > 0 and 3 to 1000 feet')
     return radius, int(count), first
 
 
@@ -102,7 +102,7 @@ def run(args):
         return live(args)
     for name in ('keywords', 'solver', 'scale'):
         if getattr(args, name) is not None:
-            raise ValueError(f'--{name} is of images: name their folder with --live')
+            raise ValueError(f'--{name} needs --live FOLDER')
     if args.file is None:
         raise ValueError('give a model or a run; or a folder of images with --live')
     from calibration.report.terminal_layout import layered
@@ -164,7 +164,7 @@ def alignment_of(model, args, equinox=None):
         document['polar_axis'] = found
         lines += alignment_lines(found, args.per_turn and [60.0 * v for v in args.per_turn])
     elif args.per_turn:
-        raise ValueError('--per-turn is of the bolts of an equatorial mount')
+        raise ValueError('--per-turn applies to equatorial mounts only; leave it out')
     if args.saddle:
         shim = cone_shim(model, args.saddle)
         document['shim'] = {

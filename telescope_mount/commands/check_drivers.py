@@ -40,8 +40,8 @@ def add(commands):
                         help='MOVES the mount: call its service home first')
     options.add(parser, 'mount', default='altaz', help=options.MOUNT_OF_DRIVERS)
     options.add(parser, 'latitude', 'longitude', 'height')
-    options.add(parser, 'params', help='ROS parameter file with the limits of the mount, of the '
-                'guard that leads the nudge where none runs')
+    options.add(parser, 'params', help='ROS parameter file with the limits of the mount, for '
+                'the guard that --nudge starts if none is running')
     options.add_json(parser, 'the findings')
     options.add_graph(parser)
 
@@ -57,7 +57,7 @@ def run(args):
     from ..graph import NODES, NodeSpec
     from .console import new_console, print_all, write_json
     if args.star and not args.nudge:
-        raise ValueError('--star is for --nudge: give both')
+        raise ValueError('--star needs --nudge: give both')
     sky = options.sky_of(args)
     mount = parse_mount(args.mount, sky.get('latitude_deg', 0.0) * DEG)
     console = new_console()

@@ -68,8 +68,8 @@ def run(args):
     if args.file is None:
         for name in ('azimuth_origin', 'pressure', 'temperature', 'equinox'):
             if getattr(args, name) not in (None, 'auto'):
-                raise ValueError(f'--{name.replace("_", "-")} is of a measured run; leave it out '
-                                 'with a scenario')
+                raise ValueError(f'--{name.replace("_", "-")} applies to measured runs; leave it '
+                                 'out with a scenario')
     chosen = {
         'seed': args.seed, 'stars': args.stars, 'polaris': args.polaris, 'check': args.check,
         'alpha': args.alpha, 'start_time': args.date, 'sky': options.sky_of(args),

@@ -51,13 +51,13 @@ def add(commands):
                         help='the program that shall read the model: '
                         + ', '.join(PROGRAMS))
     parser.add_argument('--sky', type=options.log_path, metavar='RUN',
-                        help='what the program cannot hold is '
-                        'refitted on the directions of this run (default: a uniform sky '
+                        help='refit what the program cannot '
+                        'represent over the directions of this run (default: a uniform sky '
                         'above 20 degrees)')
-    parser.add_argument('--zero', metavar='WHICH', help='of the zeros that the model carries: add '
-                        'newest, or that of the run of this number, to its indices (default: none)')
-    parser.add_argument('--side', choices=('east', 'west'), help='of the pier, with --to indi of '
-                        'a German mount: its database has none (west: through the pole)')
+    parser.add_argument('--zero', metavar='WHICH', help='zero of the model to add to its index '
+                        'terms: newest, or the number of a run (default: none)')
+    parser.add_argument('--side', choices=('east', 'west'), help='side of the pier, for --to indi '
+                        'of a German mount: INDI stores none (west: through the pole)')
     options.add_json(parser, 'what was written (with --to: what is held and lost)')
     parser.add_argument('--topics', type=options.names, metavar='NAMES',
                         help='comma-separated topics of a log, by full name or its end')
@@ -76,7 +76,7 @@ def run(args):
     if args.to:
         _run_model(args, console)
         return
-    _refuse(args, ('sky', 'zero', 'side'), 'is of models: say the program with --to')
+    _refuse(args, ('sky', 'zero', 'side'), 'applies to models: name the program with --to')
     if args.topics:
         files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
                                         start=args.start, end=args.end,
@@ -103,7 +103,7 @@ def _run_model(args, console):
     """Write a model for another program, and report what it contains."""
     from .. import model_export
     from .console import write_json
-    _refuse(args, ('topics', 'start', 'end'), 'is of runs, and --to of models')
+    _refuse(args, ('topics', 'start', 'end'), 'applies to runs; leave it out with --to')
     options.check_target(args.out)
     if not _same(args.out, args.file):
         options.refuse_existing(args.out, args)
@@ -111,7 +111,7 @@ def _run_model(args, console):
     if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
         raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
     if args.equinox != 'auto' and args.sky is None:
-        raise ValueError('--equinox is of the run that --sky names; leave it out')
+        raise ValueError('--equinox applies to the run of --sky; leave it out')
     place = options.place_of(args) | {'mount': options.mount_of(args)}
     place['site'] = _whole_site(place.get('site'), args)
     written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
@@ -129,8 +129,8 @@ def _whole_site(site, args):
         from pointing_model.sky.site import Site
         return Site(**{'height': 0.0, **site})
     if args.mount is None or set(site) != {'latitude'}:
-        raise ValueError('a site needs --latitude and --longitude (an equatorial mount alone '
-                         '--mount and --latitude)')
+        raise ValueError('give --latitude and --longitude (for an equatorial mount --mount '
+                         'and --latitude are enough)')
     return site
 
 
@@ -179,13 +179,13 @@ def export_run(source, path, *, start=None, end=None, **options):
     from ..run_loader import load_run
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
-        raise ValueError(f'{path} would be written over the run it is made from')
+        raise ValueError(f'{path} is the input run itself; name another output file')
     if path.suffix == '.parquet':
         _parquet()
     run = load_run(source, **options)
     if start is not None or end is not None:
         if 'time' not in run:
-            raise ValueError(f'{source} has no column time: it cannot be cut to a span')
+            raise ValueError(f'{source} has no column time: leave out --start and --end')
         low, high = _span(start, end, round(float(np.nanmin(run['time'])) * 1e9))
         ns = run['time'] * 1e9
         chosen = run.select((ns >= low) & (ns < high))
@@ -313,7 +313,7 @@ def _full_name(bag, source, topic):
     there = [t.name for t in bag.topics]
     found = [n for n in there if n == topic] or [n for n in there if n.endswith('/' + topic)]
     if len(set(found)) != 1:
-        what = 'is the end of several topics' if found else 'is no topic'
+        what = 'matches several topics' if found else 'is no topic'
         raise ValueError(f'{topic} {what} of {source}; it has {", ".join(sorted(set(there)))}')
     return found[0]
 

@@ -56,10 +56,10 @@ def run(args):
 def _run(args):
     harmonics = options.harmonics_of(args)
     if args.predict and (harmonics or args.no_robust):
-        raise ValueError('--predict chooses on its own, robustly: leave out '
+        raise ValueError('--predict makes its own robust choice of terms; leave out '
                          + ('--harmonics' if harmonics else '--no-robust'))
     if args.predict and args.sessions != 0.0:
-        raise ValueError('--predict takes the run as one: leave out --sessions')
+        raise ValueError('--predict fits the run as one session; leave out --sessions')
     if args.base and args.terms:
         raise ValueError('--base and --terms both say which terms to fit; leave one out')
     from calibration.analysis.harmonic_fit import choice_of

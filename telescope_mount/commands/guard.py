@@ -28,7 +28,7 @@ VERBS = ('abort', 'pause', 'resume', 'park')
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
-        'guard', help='stop, park or release the mount of a running graph; what its guard says',
+        'guard', help='stop, park or release the mount of a running graph; the state of its guard',
         description='Ask the guard of a running graph (docs/guard.md). abort and pause stop the '
         'mount, park sends it to its park position, resume lets it go on. Without a verb: its '
         'state. Exit code 0, or 1 where it refuses.')

@@ -50,7 +50,7 @@ def run(args):
         done = not args.node or nodes.change(args.node, args.transition)
         states = {name: nodes.state(name) for name in (
             [args.node] if args.node else nodes.managed())}
-    more = '' if done else f'; the transition {args.transition} was not made'
+    more = '' if done else f'; transition {args.transition} failed'
     print_all(new_console(), (f'{name}: {state}{more}' for name, state in states.items()))
     if args.json:
         write_json(args.json, states)

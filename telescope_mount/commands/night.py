@@ -43,11 +43,11 @@ def add(commands):
     options.add(parser, 'reference', help='model.json of an earlier night: the zero is the change '
                 'since then, and tonight is one power-on: stars, zero, stars')
     parser.add_argument('--power-cycle', choices=('incremental', 'absolute', 'both'),
-                        default='incremental', help='encoders that begin another power-on in the '
+                        default='incremental', help='encoders that are power-cycled in the '
                         'middle of a night without --reference (default: incremental)')
     parser.add_argument('--track', default='', metavar='ERROR[,MINUTES]', help='after the fit, '
-                        'hold the expected pointing error with stars chosen for it, such as '
-                        '1.5arcsec,90; the model follows the mount')
+                        'observe the stars that keep the expected pointing error below ERROR, '
+                        'such as 1.5arcsec,90; the model is adaptive')
     parser.add_argument('--pass', dest='satellite_pass', default='', metavar='ID,FILE',
                         help=options.Listing('after the fit, follow a satellite through its next '
                         'pass, by its name in a file of its orbit (%(orbit_formats)s)'))
@@ -74,16 +74,16 @@ def add(commands):
 def _add_server(parser):
     """Add the options for a mount of a server."""
     parser.add_argument('--camera', default='', metavar='indi:HOST:PORT:NAME',
-                        help='of a mount of a server: the camera of an INDI server whose images '
-                        'are solved (default: the position of a simulator)')
+                        help='with a server mount: INDI camera whose images are plate-solved '
+                        '(default: the position of a simulator)')
     parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
-                        help='the same: the driver in Python of a camera of your own')
+                        help='with a server mount: Python driver of your own camera')
     parser.add_argument('--exposure', type=options.real(1e-3, 600.0, 's'), metavar='S',
                         default=options.Default('telescope_mount.server_night.EXPOSURE'),
-                        help='the same: length of its exposures, in which the mount must rest on '
-                        'its track (default: %(default)s)')
-    parser.add_argument('--anew', action='store_true', help='the same: begin a night that was '
-                        'interrupted in --out once more; by default it goes on where it stopped')
+                        help='with a server mount: exposure time, during which the mount must '
+                        'track steadily (default: %(default)s)')
+    parser.add_argument('--anew', action='store_true', help='with a server mount: restart the '
+                        'interrupted night in --out (default: resume it where it stopped)')
 
 
 def run(args):
@@ -105,9 +105,9 @@ def run(args):
             if by_server else (('camera', args.camera, ''), ('driver', args.driver, []),
                                ('exposure', args.exposure, EXPOSURE), ('anew', args.anew, False)):
         if value != usual:
-            raise ValueError(f'--{name} is for the simulated mount; leave it out with --mount '
+            raise ValueError(f'--{name} applies to the simulated mount; leave it out with --mount '
                              f'{args.mount.partition(":")[0]}:...' if by_server else
-                             f'--{name} is for a mount of a server; give it with --mount '
+                             f'--{name} needs a mount of a server: give --mount '
                              'indi:HOST:PORT or alpaca:HOST:PORT')
     calibration = options.harmonics_of(args)
     track = ', '.join(f'{verb} {text.replace(",", " ", 1)}' for verb, text in (

@@ -28,7 +28,7 @@ def add(commands):
         'observe', help='observe with the drivers of a real mount',
         description='Start the nodes beside drivers (docs/real_mount.md), observe stars, fit the '
         'pointing model, check it on fresh stars, log everything. Print the error before and '
-        'after. Time is that of the wall.')
+        'after. It runs in real time.')
     options.add_out(parser, 'observed', 'log, model, observations and page')
     parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
                         help='a driver in Python to start as well, again for each; those that run '
@@ -46,10 +46,10 @@ def add(commands):
     parser.add_argument('--inclinometer', action='store_true',
                         help='a driver publishes inclinometer, a sensor of the adaptive model')
     parser.add_argument('--exposure', type=options.real(0.0, 3600.0, 's'), default=0.0, metavar='S',
-                        help="length of the camera's exposures: the mount must rest on its track "
-                        'all that time (default 0: it is judged in their middle)')
-    parser.add_argument('--anew', action='store_true', help='begin a night that was interrupted '
-                        'in --out once more; by default it goes on where it stopped')
+                        help='exposure time of the camera, during which the mount must track '
+                        'steadily (default 0: checked at mid-exposure)')
+    parser.add_argument('--anew', action='store_true', help='restart the interrupted night in '
+                        '--out (default: resume it where it stopped)')
     options.add(parser, 'reference', help='model.json to begin with')
     options.add(parser, 'params', help='ROS parameter file, read by every node and driver')
     options.add(parser, 'domain', help=options.RUNNING_DOMAIN)

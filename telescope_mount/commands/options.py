@@ -156,14 +156,14 @@ SHARED = {
     'harmonics': {'choices': ('none', 'zenith', 'printed'), 'default': 'none',
                   'help': "paper 000's spherical harmonics in the model, by how their E is read: "
                   'zenith distance, or as printed (default: none)'},
-    'harmonics-alone': {'action': 'store_true', 'help': 'without the physical terms, as in the '
-                        'paper; else of what the terms leave'},
-    'harmonics-degree': {'type': whole(0, 4), 'default': 0, 'metavar': 'N', 'help': 'where the '
-                         'series ends; 0 (default): what predicts stars left out best'},
-    'jobs': {'type': whole(1, 1024), 'metavar': 'N', 'help': 'folds of the cross-validation at a '
-             'time, a process each; the result is the same (default: one a processor)'},
+    'harmonics-alone': {'action': 'store_true', 'help': 'harmonics without the physical terms, '
+                        'as in the paper; default: fitted to what the terms leave'},
+    'harmonics-degree': {'type': whole(0, 4), 'default': 0, 'metavar': 'N', 'help': 'degree '
+                         'of the harmonics; 0 (default): chosen by cross-validation'},
+    'jobs': {'type': whole(1, 1024), 'metavar': 'N', 'help': 'processes for '
+             'the cross-validation; the result is the same (default: one per processor)'},
     'alpha': {'type': real(1e-6, 0.5), 'default': ALPHA,
-              'help': f'chance that a run with nothing wrong gets any effect (default: {ALPHA})'},
+              'help': f'chance of any false alarm in a run with nothing wrong (default: {ALPHA})'},
     'orbit': {'action': 'append', 'default': [], 'type': Path, 'metavar': 'FILE', 'required': True,
               'help': Listing('%(orbit_formats)s; also .gz or .Z; may be given again: files of '
                               'one satellite are joined')},

@@ -61,7 +61,7 @@ def run(args):
     from ..observing.pass_forecast import pass_forecasts
     from .console import new_console, print_lines, write_outputs
     if args.latitude is None or args.longitude is None:
-        raise ValueError('passes are over a site: give --latitude and --longitude')
+        raise ValueError('no site: give --latitude and --longitude')
     site = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
     mount = parse_mount(args.mount or 'altaz', site.latitude)
     axes = [Axis(-9.0, 9.0, args.rate * DEG, args.acceleration * DEG)] * 2
@@ -79,18 +79,18 @@ def run(args):
             ages.append(elements_age(orbit, np.array([start, end])))
         found += pass_forecasts(orbit, start, args.hours, site, mount=mount, axes=axes,
                                 low=args.lowest * DEG, dark=not args.day_too)
-    short = [f'{", ".join(names)}: of these hours, {_hours(start, end)}, the orbit has '
-             f'{_hours(first, last)}' for (first, last, start, end), names in spans.items()]
+    short = [f'{", ".join(names)}: orbit data from {_hours(first, last)}, asked for '
+             f'{_hours(start, end)}' for (first, last, start, end), names in spans.items()]
     if not covered:
-        raise ValueError(f'{short[0]}: nothing; give the file of that day, or another --date')
+        raise ValueError(f'{short[0]}: no overlap; give the file of that day, or another --date')
     found.sort(key=lambda one: one.start)
     console = new_console()
     console.print(_table(found, mount) if args.verbose else _short_table(found, mount))
     if not args.verbose and len(found) > _MOST:
-        console.print(f'{len(found) - _MOST} more, and phase, Sun and rates: --verbose')
+        console.print(f'{len(found) - _MOST} more passes; --verbose lists all, with Sun and rates')
     if not found:
-        console.print('no pass in these hours' + ('' if args.day_too else ' that is in the Sun, '
-                                                  'at night: --day-too has all'))
+        console.print('no pass in these hours' if args.day_too else
+                      'no sunlit pass at night in these hours; --day-too lists all')
     print_lines(console, 'note', [*orbits.notes, *short, *map(wording, ages)])
     write_outputs(console, args, [one.document() for one in found], 'passes')
 

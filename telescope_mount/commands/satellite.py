@@ -35,18 +35,18 @@ def add(commands):
     parser.add_argument('--star-run', dest='stars', action='append', default=[],
                         type=options.log_path, metavar='RUN', help='a pointing run of stars that '
                         'goes into the same fit; may be given again')
-    parser.add_argument('--model', type=options.model_path, metavar='MODEL', help='what is known '
-                        'of the terms, with its covariance; the zeros of the axes are fitted anew')
+    parser.add_argument('--model', type=options.model_path, metavar='MODEL', help='prior of '
+                        'the terms, with its covariance; the zeros of the axes are fitted anew')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
                         'physical terms of the mount, or those of the model)')
-    parser.add_argument('--clock', type=options.real(0.0, 1e4, 's'), metavar='S', help='what is '
-                        "known of the station's clock, 1 sigma; 0: it is right (default: nothing)")
+    parser.add_argument('--clock', type=options.real(0.0, 1e4, 's'), metavar='S', help='1-sigma '
+                        'uncertainty of the station clock; 0: exact (default: unknown)')
     parser.add_argument('--time-bias', action='append', default=[], metavar='ID', help='a '
-                        'satellite whose time along its orbit is not known, whatever its orbit '
-                        'says; may be given again')
+                        'satellite whose time bias along its orbit is fitted without a prior; '
+                        'may be given again')
     parser.add_argument('--verbose', action='store_true', help='print all details of the '
                         'diagnosis too')
-    parser.add_argument('--no-diagnosis', action='store_true', help='do not look for what is left')
+    parser.add_argument('--no-diagnosis', action='store_true', help='do not diagnose the residuals')
     options.add(parser, 'mount', 'latitude', 'longitude', 'height')
     options.add(parser, 'pressure', 'temperature', help='of the air, where the rows do not have it')
     options.add_outputs(parser)
@@ -93,7 +93,7 @@ def run(args):
     if view is not None:
         from calibration.report.diagnosis_terminal import diagnosis_tables, summary_lines
         left = summary_lines(view)
-        left[0] = f'left, in means of 2 minutes: {left[0]}'
+        left[0] = f'residuals, 2-minute means: {left[0]}'
         left += diagnosis_tables(view) if args.verbose else ()
     print_all(console, layered(
         [terms_table(document['terms']), *_lines(document)],
@@ -108,7 +108,7 @@ def _named(measured, text):
     for name, orbit in measured.orbits.items():
         if text.strip().upper() in (name.upper(), str(getattr(orbit, 'number', ''))):
             return name
-    raise ValueError(f'--time-bias {text}: no track of it; there are {", ".join(measured.orbits)}')
+    raise ValueError(f'--time-bias {text}: no track of it; tracked: {", ".join(measured.orbits)}')
 
 
 def _diagnosed(fit, document):
@@ -135,7 +135,7 @@ def _diagnosed(fit, document):
 def _lines(document):
     before, after = document['before'], document['after']
     yield (f'{document["rows"]} rows, RMS on the sky {before["radial_arcsec"]:.2f}" -> '
-           f'{after["radial_arcsec"]:.2f}"; the model is good to '
+           f'{after["radial_arcsec"]:.2f}"; model uncertainty '
            f'{document["sky_sigma_arcsec"]:.2f}" over the sky (1 sigma)')
     if 'clock' in document:
         clock = document['clock']

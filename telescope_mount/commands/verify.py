@@ -20,7 +20,7 @@ from . import options
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
-        'verify', help='compute what a log derived once more, and compare',
+        'verify', help='recompute the results in a log, and compare',
         description='Compute observations, zeros, models, reports and diagnoses of a log again '
         'from what they were derived from, without a ROS graph. Exit code 1 if a number differs by '
         'more than rounding, or the log is damaged.')

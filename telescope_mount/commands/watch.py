@@ -33,8 +33,8 @@ def add(commands):
     parser = commands.add_parser(
         'watch', help='a dashboard of a running graph or of a log: sky, offsets, zero, alarms',
         description='Show the state of a running graph in the terminal until Ctrl-C, or that of a '
-        'log at its end (docs/watch.md). Where the output is no terminal, and with --json: once. '
-        'It only listens. Of a log it needs no ROS.')
+        'log at its end (docs/watch.md). Without a terminal, or with --json: once. '
+        'It only listens. A log needs no ROS.')
     parser.add_argument('log', nargs='?', type=options.log_path, metavar='BAG',
                         help='a log; without one the running graph')
     parser.add_argument('--at', metavar='TIME', help='of a log: the state then, UTC as '
@@ -47,9 +47,9 @@ def add(commands):
 def run(args):
     """Listen or read, draw."""
     if args.log is None and args.at is not None:
-        raise ValueError('--at is of a log; name one')
+        raise ValueError('--at needs a log: name one')
     if args.log is not None and args.domain is not None:
-        raise ValueError('--domain is of a running graph, and a log is named; leave one out')
+        raise ValueError('--domain applies to a running graph, not to a log; leave one out')
     args.namespace = '/' + args.namespace.strip('/')
     if args.log is None:
         _graph(args)
@@ -93,7 +93,7 @@ def _graph(args):
         messages = listen(graph, f'graph in {args.namespace}, domain {number}', args.namespace)
         if args.once or args.json or not sys.stdout.isatty():
             if not graph.spin_until(lambda: messages.any, FOUND):
-                raise ValueError(f'nothing is said in {args.namespace}{graph.where_else()}')
+                raise ValueError(f'no messages in {args.namespace}{graph.where_else()}')
             graph.spin_for(COMPLETE)
             _print_state(args, messages.state(time.monotonic()))
         else:
@@ -143,7 +143,7 @@ def _dashboard(graph, messages):
         while True:
             graph.spin_for(TAKING)
             if not messages.any and not lost and time.monotonic() - begin > FOUND:
-                lost = f'; nothing is said here yet{graph.where_else()}'
+                lost = f'; no messages yet{graph.where_else()}'
             note = 'Ctrl-C ends' + ('' if messages.any else lost)
             live.update(Dashboard(messages.state(time.monotonic()), note, whole=False),
                         refresh=True)

@@ -22,7 +22,7 @@ from . import options
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
-        'zeros', help='what the measured zeros of power-ons follow: temperature, supply, ...',
+        'zeros', help='what moves the zero between power-ons: temperature, supply, ...',
         description='Read zeros of power-ons, a row each (CSV: zero_az_arcsec, zero_el_arcsec, '
         'temperature_c, supply_v, since_h, side, time), and print what they follow. A last row '
         'without zeros is tonight: its zero is predicted.')

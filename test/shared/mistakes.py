@@ -226,7 +226,7 @@ MISTAKES = [
     ('results with another name', 'fit run.csv --json out.txt', 'out.txt', '.json'),
     ('a page that is a folder', 'diagnose run.csv --report used', 'used', '.html'),
     ('a table over a table', 'apply model.json run.csv --out run.csv', 'run.csv is there already'),
-    ('a run over itself', 'export run.csv run.csv', 'written over the run'),
+    ('a run over itself', 'export run.csv run.csv', 'is the input run itself'),
     ('a folder in use', 'night --out used', 'is not empty; choose another folder'),
     ('a file for a folder', 'night --out run.csv', 'run.csv is a file'),
     ('a log into itself', 'recover bag --out bag/new', 'lies in the log itself'),

@@ -143,7 +143,7 @@ def test_a_model_tells_what_to_turn(ended, refused, tmp_path):
     document = json.loads((tmp_path / 'out.json').read_text())
     assert document['shim']['end'] == 'rear' and document['polar_axis']['south']
     assert 90.0 < (document['polar_axis']['pole']['altitude_deg'] - 30.0) * 3600.0 < 101.0
-    assert 'is of images' in refused('bolts', path, '--solver', 'astap')
+    assert 'needs --live FOLDER' in refused('bolts', path, '--solver', 'astap')
     assert 'on bolts, not on feet' in refused('bolts', path, '--feet', 1000)
     assert ended('bolts', path, '--mount', 'german', '--latitude', '-30.005')[0] == 0
     PointingModel.load(path).save(path.with_suffix('.yaml'))

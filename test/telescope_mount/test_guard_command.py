@@ -52,7 +52,7 @@ def test_the_guard_is_asked_from_the_command_line(process, ros_domain, ended, mo
     monkeypatch.setattr(graph_client, 'FOUND', 1.0)
     monkeypatch.setattr(watch, 'FOUND', 1.0)
     code, out, err = ended('watch', '--namespace', 'other')
-    assert code == 2 and out == '' and 'nothing is said in /other; ' in err
+    assert code == 2 and out == '' and 'no messages in /other; ' in err
     code, out, err = ended('guard', 'abort', '--namespace', '/other')
     assert code == 2 and out == '' and err.startswith(
         f'error: no node offers /other/abort; domain {ros_domain} has nodes in /mount and none in '

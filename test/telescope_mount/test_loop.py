@@ -401,7 +401,7 @@ def test_bad_input_is_one_line(refused, tmp_path):
         'close-the-loop', '--scenario', 'loop_clean', '--out', tmp_path / 'full')
     assert '--alpha' in refused('close-the-loop', MMT, '--alpha', 3)
     for option in (('--equinox', 'date'), ('--pressure', 800), ('--azimuth-origin', 'S')):
-        assert f'{option[0]} is of a measured run' in refused(
+        assert f'{option[0]} applies to measured runs' in refused(
             'close-the-loop', '--scenario', 'loop_clean', *option, '--out', tmp_path / 'c')
     # what places of a file are taken for reaches its reader, before a node starts
     assert 'leave out --equinox' in refused('close-the-loop', MMT, '--equinox', 'date', '--out',

@@ -123,12 +123,12 @@ def test_what_is_held_is_said_to_be(ended, tmp_path):
     (['out.mod', '--to', 'maxpoint'], 'maxpoint'),
     (['out.mod', '--to', 'tpoint', '--zero', '7'], 'no zero of run 7; it has: 1'),
     (['out.mod', '--to', 'tpoint', '--zero', 'all'], 'write newest, none'),
-    (['out.mod', '--to', 'tpoint', '--start', '0'], '--start is of runs'),
+    (['out.mod', '--to', 'tpoint', '--start', '0'], '--start applies to runs'),
     (['out.mod', '--to', 'tpoint', '--sky', 'model.json'], 'model.json'),
     (['nowhere/out.mod', '--to', 'tpoint'], 'no such folder'),
     (['out.xml', '--to', 'indi'], 'give the site'),
-    (['out.xml', '--to', 'indi', '--latitude', '31'], 'needs --latitude and --longitude'),
-    (['out.csv', '--zero', 'newest'], '--zero is of models: say the program with --to'),
+    (['out.xml', '--to', 'indi', '--latitude', '31'], 'give --latitude and --longitude'),
+    (['out.csv', '--zero', 'newest'], '--zero applies to models: name the program with --to'),
 ])
 def test_bad_input_is_one_line(refused, model, tmp_path, monkeypatch, options, words):
     monkeypatch.chdir(tmp_path)

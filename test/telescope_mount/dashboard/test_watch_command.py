@@ -185,8 +185,8 @@ def test_the_command(capsys):
     assert main(['watch', str(LOG), '--at', '2026-01-15T13:03:00', '--json']) == 0
     document = json.loads(capsys.readouterr().out)
     assert document['plan']['state'] == 'observing' and document['zero_arcsec'] is None
-    for words, said in ((['--at', '5'], '--at is of a log'),
-                        ([str(LOG), '--domain', '3'], '--domain is of a running graph'),
+    for words, said in ((['--at', '5'], '--at needs a log'),
+                        ([str(LOG), '--domain', '3'], '--domain applies to a running graph'),
                         ([str(LOG), '--at', '2020-01-01'], 'is before the log begins')):
         assert main(['watch', *words]) == 2
         assert said in capsys.readouterr().err
