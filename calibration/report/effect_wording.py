@@ -58,8 +58,7 @@ def effect_summary(diagnosis, found):
     e = found.fitted.effect
     rms, used, more = found.removes_arcsec, diagnosis.weights > 0.0, []
     # the axis on which it is larger
-    axis = int(np.argmax(np.ptp(found.beyond, axis=1))) if used.any() else 0
-    values = found.beyond[axis]
+    values = found.beyond[int(np.argmax(np.ptp(found.beyond, axis=1))) if used.any() else 0]
     alternatives = still_open(vars(found))
     if len(found.causes) > 1:
         where = acting_word(found, context.mount.names.axes, 'pointing')
@@ -93,7 +92,8 @@ def effect_summary(diagnosis, found):
                     + ('; the data do not determine the distance.' if open_
                        else '. A short move shows less of it.'))
     # the part beyond the terms is at most as large as the effect itself
-    reach = float(min(np.ptp(values), np.ptp(found.offsets[axis][used]))) if used.any() else 0.0
+    reach = float(min(np.ptp(one, axis=1).max() for one in (
+        found.beyond, found.offsets[:, used]))) if used.any() else 0.0
     return Statement(_lead(seen, rms, reach, own),
                      ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), reach)
 

@@ -18,6 +18,7 @@ import re
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from calibration.analysis.diagnosis.effect_causes import cause_entry
 from calibration.report.effect_wording import effect_summary, effect_title
@@ -27,7 +28,7 @@ from pointing_model.effects import effect
 from pointing_model.mounts import Mount
 
 
-def told(reach, contenders=(), order=2, size=(0.0, -10.0), beyond=1.0):
+def told(reach, contenders=(), order=2, size=(0.0, -10.0), beyond=(1.0, 0.0)):
     """Summary of a wave of the hour angle, rows to both sides of the meridian, deg."""
     rng = np.random.default_rng(1)
     mount = Mount.equatorial(33.0 * DEG)
@@ -38,9 +39,9 @@ def told(reach, contenders=(), order=2, size=(0.0, -10.0), beyond=1.0):
     fitted = SimpleNamespace(effect=e, coefficients=np.array(size) * ARCSEC,
                              sigma=np.full(2, ARCSEC))
     offsets = np.tensordot(size, columns, axes=1)
-    found = SimpleNamespace(fitted=fitted, offsets=offsets, beyond=beyond * offsets,
-                            removes_arcsec=4.5, ranking=[], causes=[cause_entry(e, 90.0)],
-                            contenders=list(contenders))
+    found = SimpleNamespace(fitted=fitted, offsets=offsets,
+                            beyond=np.multiply.outer(beyond, offsets[0]), removes_arcsec=4.5,
+                            ranking=[], causes=[cause_entry(e, 90.0)], contenders=list(contenders))
     obs = SimpleNamespace(context=context, run=SimpleNamespace(meta={}))
     diagnosis = SimpleNamespace(observations=obs, weights=np.ones(40), effects=[found])
     return effect_summary(diagnosis, found), found, mount
@@ -49,8 +50,9 @@ def told(reach, contenders=(), order=2, size=(0.0, -10.0), beyond=1.0):
 def test_a_wave_has_both_sizes_and_where_it_was_observed():
     one, found, mount = told(64.0)
     # what the terms would take up of it moves no star by more
-    assert told(64.0, beyond=1.5)[0].reach_arcsec == one.reach_arcsec
-    assert told(64.0, beyond=0.5)[0].reach_arcsec == 0.5 * one.reach_arcsec
+    for beyond, times in (((1.5, 0.0), 1.0), ((0.5, 0.0), 0.5), ((0.5, 0.7), 0.7)):
+        assert told(64.0, beyond=beyond)[0].reach_arcsec == pytest.approx(
+            times * one.reach_arcsec)
     assert '; ±10.0″ in the angle of the axis.' in one.lead
     assert float(re.search(r'([0-9.]+)″ peak to peak', one.lead)[1]) < 20.0
     assert 'twice per turn over the 128° observed' in one.lead
