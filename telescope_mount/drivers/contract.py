@@ -181,7 +181,10 @@ def _encoder(out, samples, stream):
     stamps, values, rates = stream.arrays()
     known = np.isfinite(values).all(axis=1)
     if not known.any():
-        out.note('no number in any reading: not homed yet? (call home)')
+        without = [name for name, axis in zip(samples.mount.names.axes, values.T)
+                   if not np.isfinite(axis).any()]
+        out.note(f'no number of {" and ".join(without) or "both axes"} in any reading: not homed '
+                 'yet? (call home)')
         return
     later = known[int(np.argmax(known)):]
     if not later.all():

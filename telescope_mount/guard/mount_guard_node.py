@@ -240,9 +240,9 @@ class MountGuard(ManagedNode):
     def _reason(self):
         """The supervisor's reason; for axes that do not move, whether there is a driver at all."""
         reason = self._supervisor.reason
-        if ASTRAY not in reason or self._is_driven():
-            return reason
-        return reason.replace(ASTRAY, 'no driver follows command: start it')
+        cause = self._crowd or ('' if ASTRAY not in reason or self._is_driven() else
+                                'no driver follows command: start it')
+        return reason.replace(ASTRAY, cause or ASTRAY)
 
     def _is_driven(self):
         """Whether a driver follows `command`, and not only a listener."""
@@ -251,11 +251,11 @@ class MountGuard(ManagedNode):
 
     def _look_at_commanders(self):
         crowd = ''
-        if self.publisher_count(topics.REQUEST) > 1:
-            names = sorted(set(self.publisher_names(topics.REQUEST)[0]))
+        for topic, kept in ((topics.REQUEST, 'one'), (topics.COMMAND, 'the guard')):
+            names = sorted(set(self.publisher_names(topic)[0]))
             if len(names) > 1:
-                crowd = (f'{" and ".join(names)} publish '
-                         f'{self.resolve_topic_name(topics.REQUEST.name)}: end all but one')
+                crowd = (f'{" and ".join(names)} publish {self.resolve_topic_name(topic.name)}: '
+                         f'end all but {kept}')
         if crowd and crowd != self._crowd:
             self.get_logger().error(crowd)
         self._crowd = crowd

@@ -294,6 +294,11 @@ def test_a_coarse_encoder_is_told():
     assert wrong(check_contract(recorded(where=tracked))) == []
 
 
+def test_an_axis_that_never_has_a_number_is_told():
+    half = recorded(inc=lambda t, v, r: ((v[0], np.nan), r))
+    assert f'{ENC}: no number of elevation in any reading' in asked(check_contract(half))
+
+
 def test_a_wide_offset_in_degrees_is_asked_about():
     wide = recorded(miss=lambda number, m: m / DEG * 5)
     assert 'is that in radians?' in asked(check_contract(wide))

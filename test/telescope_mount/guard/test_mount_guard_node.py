@@ -101,6 +101,16 @@ def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph
     mount.until('following')
     mount.ask(24.0, 2.0)
     assert 'below the horizon of 10.0 deg' in mount.until('stopped', 'refused').message
+    # a replay, or a hand at the terminal, moves the mount past the guard
+    graph.publisher(topics.COMMAND)
+    graph.report('mount_guard', ' publish /mount/command: end all but the guard')
+    mount.ask(24.0, 52.0)
+    mount.owned('/mount/star_observer', mount.request)
+    mount.until('following')
+    away = mount.here + np.array([[0.0, 0.0], [20.0, 0.0]]) * DEG
+    mount.commands = [convert.trajectory(mount.now(), [0.0, 10.0], away, np.zeros((2, 2)))]
+    told = mount.until('aborted', 'publish /mount/command: end all but the guard; then call resume')
+    assert 'look at its drive' not in told.message
     mount.request = None
 
 
