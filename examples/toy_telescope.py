@@ -14,16 +14,16 @@
 
 """A toy telescope behind a TCP port: the hardware that the sample drivers talk to.
 
-A line asks, a line answers; angles are degrees, as a controller may count them:
+Each line is a request, answered by a line; angles are degrees, as in some controllers:
 
-- ``axes``: time (UTC, s), both readings and both rates; nan before the marks were met
-- ``move T A E VA VE``: be at A, E at time T with these rates; it holds half a second later
+- ``axes``: time (UTC, s), both readings and both rates; nan before the marks were passed
+- ``move T A E VA VE``: be at A, E at time T with these rates; valid until half a second later
 - ``stop``, ``home``
-- ``expose S``: open the shutter; the middle of the exposure (UTC, s) and where the brightest star
-  of the field is beside the boresight, to the right and to the top of the tube, arcsec
+- ``expose S``: open the shutter; the middle of the exposure (UTC, s) and the offset of the
+  brightest star of the field from the boresight, to the right and to the top of the tube, arcsec
 
-What it points beside is in `TERMS`; a fit has to find that. Of a satellite (`--satellite 'L52
-orbit.sp3'`) its camera measures the place as of the brightest star.
+Its pointing errors are in `TERMS`, for a fit to find. With a satellite (`--satellite 'L52
+orbit.sp3'`) its camera measures that as the brightest star.
 """
 
 import argparse
@@ -51,7 +51,7 @@ class Server(socketserver.ThreadingTCPServer):
     allow_reuse_address = daemon_threads = True
 
 
-if __name__ == '__main__':  # before all else: drivers that are started beside it find the port
+if __name__ == '__main__':  # first of all: drivers started at the same time find the port
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('--port', type=int, default=7625)
     parser.add_argument('--satellite', default='', metavar='ID FILE', help='one more light')
@@ -91,7 +91,7 @@ class Telescope:
         if self._wanted is None or elapsed <= 0.0:
             return now
         when, angles, rates = self._wanted
-        if now > when + 0.5:  # nobody steers any more
+        if now > when + 0.5:  # no more commands
             self._wanted = None
             return now
         way = angles + rates * (now - when) - self._angles
@@ -108,27 +108,27 @@ class Telescope:
             return now, *(self._angles + self._rng.normal(0.0, 0.2 / 3600.0, 2)), *self._rates
 
     def move(self, when, *numbers):
-        """Take a set point."""
+        """Set the next set point."""
         with self._lock:
             self._advance()
             self._wanted = when, np.array(numbers[:2]), np.array(numbers[2:])
         return ()
 
     def stop(self):
-        """Hold."""
+        """Stop."""
         with self._lock:
             self._advance()
             self._wanted = None
         return ()
 
     def home(self):
-        """Meet the marks."""
+        """Pass the marks."""
         time.sleep(1.0)  # the toy's marks take so long
         self._homed = True
         return ()
 
     def expose(self, seconds):
-        """Middle of the exposure and the star's place, arcsec; nan without a star."""
+        """Middle of the exposure and the star's offset, arcsec; nan without a star."""
         times, seen = [], []
         while not times or times[-1] < times[0] + seconds:
             with self._lock:
@@ -149,7 +149,7 @@ class Telescope:
                          + self._rng.normal(0, 1, 2))
 
     def _beside(self, angles, when):
-        """Of all lights, to the right and to the top of a tube whose axes read `angles`, rad."""
+        """Offsets of all objects to the right and top of a tube whose axes read `angles`, rad."""
         az, el = self._model.encoder_to_sky(*np.radians(angles))
         sky = np.array(observed_place(self._stars, when, DEFAULT_SITE, DEFAULT_WEATHER))
         sky = sky[:, np.argsort(self._stars.mag)]

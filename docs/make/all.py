@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Makes all of the documentation that is made, or looks whether it is up to date.
+"""Generates all generated documentation, or checks whether it is up to date.
 
-    .venv/bin/python docs/make/all.py            # some ten minutes, most of them the tables
-    .venv/bin/python docs/make/all.py --check    # what is older than what it rests on; code 1
+    .venv/bin/python docs/make/all.py            # some ten minutes, most of them for the tables
+    .venv/bin/python docs/make/all.py --check    # lists outdated parts; code 1 if there are any
 
 `screenshots.py` and the tables of nodes need chromium and rclpy; `site.py` builds the site.
 """
@@ -35,7 +35,7 @@ DOCS = tables.DOCS
 
 
 def pages():
-    """Text of each page and picture that is made in a moment, by its path."""
+    """Text of all pages and pictures that are generated quickly, by path."""
     with tempfile.TemporaryDirectory() as folder:
         found = nodes.pages(nodes.declared(Path(folder)))
     return {**{DOCS / path: text for path, text in found.items()}, effects.PAGE: effects.page(),
@@ -43,7 +43,7 @@ def pages():
 
 
 def main():
-    """The exit code."""
+    """Run; return the exit code."""
     made = pages()
     if '--check' in sys.argv[1:]:
         old = [path for path, text in made.items()

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Draws the glossary's pictures: what each term tilts, turns or bends, and where it acts.
+"""Draws the glossary's pictures: what each term tilts, turns or bends, and its effect on the sky.
 
     .venv/bin/python docs/make/drawings.py
 
-The mount is turned by the rotations that `pointing_model.geometry` states, much too far, so that it
-is seen; the arrows are the term's own columns, computed at 60 arcsec.
+The mount is turned by the rotations of `pointing_model.geometry`, exaggerated to be visible; the
+arrows are the term's own columns, computed at 60 arcsec.
 """
 
 import sys
@@ -35,7 +35,7 @@ from pointing_model.mounts import parse_mount  # noqa: E402
 from pointing_model.pointing_terms import design  # noqa: E402
 
 WIDTH, HEIGHT = 330, 170
-FAR = 13.0 * DEG  # so far a part is turned in a drawing
+FAR = 13.0 * DEG  # rotation of a part in a drawing
 LATITUDE = 45.0 * DEG
 STYLE = ('<style>.bg{fill:#fff}.o{stroke:#9aa5b1;fill:none;stroke-width:1.5;stroke-dasharray:4 3}'
          '.m{stroke:#1b2430;fill:none;stroke-width:2.5;stroke-linecap:round}'
@@ -45,7 +45,7 @@ STYLE = ('<style>.bg{fill:#fff}.o{stroke:#9aa5b1;fill:none;stroke-width:1.5;stro
          '.c{stroke:#9aa5b1;fill:none}.a{stroke:#c2410c;fill:none;stroke-width:1.4}'
          '.d{fill:#c2410c}.k{fill:#1b2430}text{font:12px system-ui,sans-serif;fill:#1b2430}'
          '.l{fill:#667;font-size:11px}</style>')
-#: terms that are drawn: kind of mount, place of the axes, the sentence of the picture
+#: terms with drawings: kind of mount, and caption
 DRAWN = {
     'IA': ('altaz', 'the zero of the azimuth reading is turned'),
     'IE': ('altaz', 'the zero of the elevation reading is turned'),
@@ -68,25 +68,25 @@ POSE = {'altaz': (55.0 * DEG, 40.0 * DEG), 'equatorial': (-50.0 * DEG, 35.0 * DE
 
 
 def rx(angle):
-    """Matrix of a turn about x."""
+    """Matrix of a rotation about x."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
 def ry(angle):
-    """Matrix of a turn about y."""
+    """Matrix of a rotation about y."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
 def rz(angle):
-    """Matrix of a turn about z."""
+    """Matrix of a rotation about z."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
 def leaning(an, aw):
-    """Matrix that leans the first axis by (an, aw): the rotation vector (-an, -aw, 0)."""
+    """Matrix that tilts the first axis by (an, aw): the rotation vector (-an, -aw, 0)."""
     angle = np.hypot(an, aw)
     if not angle:
         return np.eye(3)
@@ -102,7 +102,7 @@ class Skeleton:
     ----------
     kind : {'altaz', 'equatorial'}
     errors : dict of str to float
-        By the names of an alt-azimuth mount (`mount_kinds.CANONICAL`), radians.
+        With the names of an alt-azimuth mount (`mount_kinds.CANONICAL`), radians.
     """
 
     def __init__(self, kind, errors):
@@ -127,19 +127,19 @@ class Skeleton:
         return [self.lifted @ [-0.42, 0, 0], self.lifted @ [0.42, 0, 0]]
 
     def barrel(self):
-        """Points along the tube, bent where it is."""
+        """Points along the tube, bent by TF."""
         t = np.linspace(-0.35, 1.0, 15)
         sag = self.errors.get('TF', 0.0) * np.sign(t) * t**2 * 0.8
         return [self.tube @ [0, each, -down] for each, down in zip(t, sag)]
 
     def sight(self):
-        """Where the line of sight goes."""
+        """Both ends of the line of sight."""
         ca = self.errors.get('CA', 0.0)
         first = np.array([-np.sin(ca), np.cos(ca), 0.0])
         return [self.tube @ (0.2 * first), self.tube @ (1.35 * first)]
 
     def dial(self, axis, zero):
-        """Circle of an encoder, and the mark of its zero, turned by `zero`."""
+        """Circle of an encoder, and its zero mark, rotated by `zero`."""
         around = np.linspace(0.0, 2 * np.pi, 49)
         if axis == 1:
             ring = [self.lean @ [0.55 * np.sin(t), 0.55 * np.cos(t), -0.8] for t in around]
@@ -151,26 +151,26 @@ class Skeleton:
 
 
 def seen(points):
-    """East, north, up to places in the picture: looked at from the south-east, from above."""
+    """Project east, north, up to the picture: seen from the south-east, from above."""
     turn = rx(-70 * DEG) @ rz(28 * DEG)
     flat = np.array([turn @ p for p in points])
     return [(84 + 68 * x, 84 - 68 * y) for x, y in flat[:, :2]]
 
 
 def path(points, style):
-    """A polyline of places in the picture."""
+    """A polyline through points of the picture."""
     return f'<path class="{style}" d="M' + 'L'.join(f'{x:.1f} {y:.1f}' for x, y in points) + '"/>'
 
 
 def mount_drawing(name):
-    """The mount, dashed as it should be and full as the term makes it; empty: nothing turns."""
+    """The mount, dashed without and solid with the term; empty for terms without rotation."""
     kind, _ = DRAWN[name]
     if name in ('TX', 'FO', 'DAF'):
         return []
     own, sign = parse_mount(kind, LATITUDE).names.terms[name]
     wrong = {own: sign * FAR * (2.2 if own == 'TF' else 1.5 if own in ('IA', 'IE') else 1.0)}
     good, bad = Skeleton(kind, {}), Skeleton(kind, wrong)
-    # the foot stays where it is
+    # keep the foot in place
     shift = good.foot - bad.foot
     north = [np.array([0.0, y, -1.05]) for y in (-0.9, 1.25)]
     out = [path(seen(north), 'c')]
@@ -197,7 +197,7 @@ def mount_drawing(name):
 
 
 def sky_drawing(name):
-    """Arrows of what the readings err, over the sky: north up, east right, zenith in the middle."""
+    """Arrows of reading errors over the sky: north up, east right, zenith in the middle."""
     kind, _ = DRAWN[name]
     mount = parse_mount(kind, LATITUDE)
     cx, cy, radius = 245, 88, 68
@@ -245,7 +245,7 @@ def _svg(parts, title, width=WIDTH, height=HEIGHT):
 
 
 def reference_mark():
-    """A grating with its reference mark, which is met at another place after a power-on."""
+    """A grating with its reference mark, which is detected elsewhere after a power-on."""
     lines = [f'<path class="c" d="M{x} 60V90"/>' for x in range(20, 311, 10)]
     return _svg([*lines, '<path class="m" d="M150 40V60"/>',
                  '<text x="150" y="32" text-anchor="middle">reference mark</text>',
@@ -257,7 +257,7 @@ def reference_mark():
 
 
 def miss_distance():
-    """The field of the camera with the star beside the boresight."""
+    """The field of the camera with the star off the boresight."""
     return _svg(['<rect class="c" x="20" y="15" width="140" height="140"/>',
                  '<path class="m" d="M80 85H100M90 75V95"/>',
                  '<text class="l" x="26" y="148">field of the camera</text>',
@@ -284,14 +284,14 @@ def hysteresis():
 
 
 def pages():
-    """All pictures by their file names, dict of str to str."""
+    """All pictures by file name, dict of str to str."""
     return {**{f'term_{name}.svg': term_picture(name) for name in DRAWN},
             'reference_mark.svg': reference_mark(), 'miss_distance.svg': miss_distance(),
             'hysteresis.svg': hysteresis()}
 
 
 def skeleton_error(name, amount=1e-4):
-    """How far the drawn mount looks from where `pointing_model.geometry` says it does, radians."""
+    """Angle between the drawn line of sight and that of `pointing_model.geometry`, radians."""
     kind, _ = DRAWN[name]
     mount = parse_mount(kind, LATITUDE)
     own, sign = mount.names.terms[name]
@@ -305,7 +305,7 @@ def skeleton_error(name, amount=1e-4):
 
 
 def main():
-    """Write all of them."""
+    """Write all pictures."""
     PICTURES.mkdir(exist_ok=True)
     for name, text in pages().items():
         (PICTURES / name).write_text(text, encoding='utf-8')

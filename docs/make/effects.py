@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writes the list of causes that the diagnosis knows, from the effects themselves.
+"""Writes the page of causes known to the diagnosis, from the effects themselves.
 
     .venv/bin/python docs/make/effects.py
 """
@@ -34,7 +34,7 @@ from pointing_model.mounts import parse_mount  # noqa: E402
 from pointing_model.runs.run import PointingRun  # noqa: E402
 from pointing_model.sky.site import Site  # noqa: E402
 
-#: drivers, as a reader says them
+#: names of drivers for readers
 WORDS = {'lst': 'sidereal time', 'reading_az': 'reading of the encoder', 'az_rate': 'rate',
          'miss_x': 'miss distance', 'run': 'power-on', 'approach_az': 'direction of approach',
          'approach_el': 'direction of approach'}
@@ -49,7 +49,7 @@ Each is tried where the run can show it. One row stands for all orders and for b
 
 
 def run_of(kind):
-    """A run that can show everything: all columns that there are, by chance."""
+    """A run in which all effects are possible: all columns, with random values."""
     rng, n = np.random.default_rng(1), 240
     site = Site()
     mount = parse_mount(kind, site.latitude)
@@ -70,20 +70,20 @@ def run_of(kind):
                                  'graduation': {}, 'worms': {'az': 180.0}})
 
 
-#: words of a German mount's axes, in those of an alt-azimuth one
+#: words for a German mount's axes, and those for an alt-azimuth mount
 AXES = (('hour angle', 'azimuth'), ('polar axis', 'azimuth axis'), ('declination', 'elevation'),
         ('CH', 'CA'))
 
 
 def alike(text):
-    """A text without numbers and with one word for each axis, lower case."""
+    """Normalized text: without numbers, with one word for both axes, lower case."""
     for german, word in AXES:
         text = re.sub(rf'\b{german}\b', word, text, flags=re.I)
     return re.sub(r'\b(azimuth|elevation)\b', 'axis', re.sub(r'[\d.]+', '#', text)).lower()
 
 
 def rows_of(kind):
-    """Cause, driver, what to look at; one row for effects that differ in an order or an axis."""
+    """Cause, driver, and what to check; one row for effects that differ only by order or axis."""
     found = {}
     for effect in dictionary(Context.from_run(run_of(kind)))[0]:
         key = effect.form, effect.look_at, re.sub(r'_?(az|el|azimuth|elevation|hour_angle|'
@@ -100,7 +100,7 @@ def rows_of(kind):
 
 
 def page():
-    """The text of the page."""
+    """Text of the page."""
     out, told = [HEAD], set()
     for title, kind in (('Any mount, in the words of an alt-azimuth one', 'altaz'),
                         ('German mounts also', 'german')):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Makes the sample night anew: a simulated night of seed 1, without the truth, and its page.
+"""Regenerates the sample night: a simulated night with seed 1, without the truth, and its page.
 
     .venv/bin/python docs/make/night.py
 """

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writes the pages of nodes and topics and the pictures of the graph, from what the nodes declare.
+"""Writes the pages of nodes and topics and the pictures of the graph, from the nodes' declarations.
 
     .venv/bin/python docs/make/nodes.py
 
-starts each node in a ROS context of its own, once for each way that changes its topics, and asks it
-for parameters, topics and services. What a topic or a service is stands in `TOPICS` and `SERVICES`
-here. A test holds that the pages in the repository are these.
+Starts each node in its own ROS context, once for each variant of its topics, and queries its
+parameters, topics and services. Descriptions of topics and services are in `TOPICS` and `SERVICES`
+here. A test checks that the pages in the repository are up to date.
 """
 
 import os
@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
 HEAD = '<!-- made by docs/make/nodes.py from what the nodes declare; do not edit -->\n'
 
-#: what a topic carries; its unit
+#: contents of each topic, and their unit
 TOPICS = {
     '/clock': 'the time of a simulated or replayed night',
     'request/owner': 'node that asks, and the stamp of its request, ns',
@@ -111,7 +111,7 @@ SERVICES = {
     '~/is_paused': 'says whether it is paused', '~/stop': 'ends',
     '~/get_rate': 'says how fast it plays',
 }
-#: ways to start a node by which its topics differ; the first is what its table of parameters is of
+#: parameters for variants with other topics; the first one is used for the table of parameters
 WAYS = {
     'absolute_encoder': ({}, {'publishes': 'frames'}),
     'star_observer': ({'autostart': False, 'absolute_encoder': True, 'inclinometer': True},),
@@ -124,19 +124,19 @@ WAYS = {
 _OWN = re.compile(r'/(?:describe|get|list|set)_[a-z_]*parameter|get_type_description|'
                   r'(?:change|get)_(?:available_)?(?:state|transition)')
 _UNIT = re.compile(r'\s+\[([^\]]+)\]')
-#: ends of names of parameters that say their unit
+#: endings of parameter names and their units
 _UNITS = (('_deg_s2', 'deg/s²'), ('_deg_s', 'deg/s'), ('_arcsec_s', 'arcsec/s'), ('_deg', 'deg'),
           ('_arcsec', 'arcsec'), ('_hz', 'Hz'), ('_ms', 'ms'), ('_hpa', 'hPa'),
           ('_um', 'µm'), ('_mb', 'MB'), ('_c', '°C'), ('_m', 'm'), ('_s', 's'))
 
 
 def declared(folder):
-    """What each node of the graph declares.
+    """Declarations of each node of the graph.
 
     Parameters
     ----------
     folder : str or Path
-        An empty one, for the log of the logger.
+        An empty folder, for the log of the logger.
 
     Returns
     -------
@@ -174,7 +174,7 @@ def declared(folder):
 
 
 def _ask(node, entry):
-    """Add what one node declares."""
+    """Add the declarations of one node."""
     from msg_tools import topics
     known = {node.resolve_topic_name(value.name): value for value in vars(topics).values()
              if isinstance(value, topics.Topic)}
@@ -251,7 +251,7 @@ def _said(sentence):
 
 
 def _unlike(kind):
-    """The type of a service, where it is not the usual one."""
+    """The type of a service, if it is not the usual one."""
     return '' if kind == 'std_srvs/Trigger' else f' ({kind})'
 
 
@@ -341,18 +341,18 @@ _ROW, _COLUMN, _LEFT, _TOP = 24, 92, 205, 74
 
 
 def picture(found, names, title, drivers=False, every=False):
-    """Nodes as columns, topics as rows: a filled mark gives the topic, open ones take it.
+    """Nodes as columns, topics as rows: filled marks publish the topic, open ones subscribe.
 
     Parameters
     ----------
     found : dict
-        As of `declared`.
+        See `declared`.
     names : sequence of str
         Nodes of the graph.
     drivers : bool
-        A column for the drivers of a real mount, which stand for the simulated hardware.
+        Add a column for the drivers of a real mount, instead of the simulated hardware.
     every : bool
-        Also topics that only one node of the graph has.
+        Also show topics that only one node of the graph has.
     """
     from telescope_mount.graph import SIMULATED
     nodes = {name: found[name] for name in names}
@@ -365,7 +365,7 @@ def picture(found, names, title, drivers=False, every=False):
         any(topic in nodes[name]['publishes'] for name in columns))
         and (every or any(topic in nodes[name]['subscribes'] for name in columns)
              or topic in ('offset', 'demand', 'demand_sigma', 'calibration/report', 'diagnosis'))]
-    # in the order of who gives them: a night flows from left to right
+    # in the order of the publishers, so that data flow from left to right
     rows.sort(key=lambda topic: next(i for i, name in enumerate(columns)
                                      if topic in nodes[name]['publishes']))
     width = _LEFT + _COLUMN * len(columns) + 10
@@ -403,7 +403,7 @@ def picture(found, names, title, drivers=False, every=False):
 
 
 def main():
-    """Write all of them."""
+    """Write all pages and pictures."""
     sys.path.insert(0, str(ROOT))
     from telescope_mount.dds import dds_environment
     os.environ.update(dds_environment())

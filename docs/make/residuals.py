@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Draws the README's picture: what seven terms leave of a measured night, and what is left then.
+"""Draws the README's picture: residuals of a measured night before and after the diagnosis.
 
     .venv/bin/python docs/make/residuals.py
 """

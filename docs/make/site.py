@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Builds the site of the documentation, with search: `build/site/index.html`.
+"""Builds the documentation site, with search: `build/site/index.html`.
 
-    .venv/bin/python docs/make/site.py [FOLDER]      # a warning is an error
-    .venv/bin/python docs/make/site.py --external    # looks whether links elsewhere answer, too
+    .venv/bin/python docs/make/site.py [FOLDER]      # warnings are errors
+    .venv/bin/python docs/make/site.py --external    # also checks external links
 
-A link to a file that is no page, such as a module, stays as it is.
+Links to files that are not pages, such as modules, are left unchanged.
 """
 
 import argparse
@@ -29,14 +29,14 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def build(folder, builder='html'):
-    """The exit code of Sphinx."""
+    """Run Sphinx; return its exit code."""
     return subprocess.run([
         sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', builder,
         '-c', str(ROOT / 'docs'), str(ROOT), str(folder)], check=False).returncode
 
 
 def main():
-    """The exit code."""
+    """Run; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('folder', nargs='?', type=Path, default=ROOT / 'build' / 'site')

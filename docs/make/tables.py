@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writes the tables that commands print into the pages, between marks, and finds stale ones.
+"""Writes the output of commands into the pages as tables, between marks, and finds outdated ones.
 
     .venv/bin/python docs/make/tables.py [NAME ...]   # all, some forty minutes
-    .venv/bin/python docs/make/tables.py --check      # those older than what they rest on; code 1
-    .venv/bin/python docs/make/tables.py --update     # make these again
+    .venv/bin/python docs/make/tables.py --check      # lists outdated tables; code 1 if any
+    .venv/bin/python docs/make/tables.py --update     # regenerates outdated tables
 
-A mark says what the table rests on (a hash of the code and data that its command reads), and at
-which commit, where and when it was made:
+A mark contains a hash of the table's dependencies (code and data that its command reads), and the
+commit, machine and date of its generation:
 
     <!-- made: NAME; rests on 0123abcd; commit 0123abcd, 2 x Xeon, 2026-01-15 -->
     <!-- end: NAME -->
@@ -45,7 +45,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
 MARK = re.compile(r'<!-- made: (?P<name>\w+); rests on (?P<rests>[0-9a-f]{8}); (?P<when>[^>]*) -->'
                   r'\n(?P<text>.*?)<!-- end: (?P=name) -->\n', re.S)
-#: what a simulated night rests on, and what a fit and a diagnosis of a file do
+#: dependencies of a simulated night, and of a fit and diagnosis of a file
 MODEL = ('msg_tools/units.py', 'pointing_model/*.py', 'pointing_model/effects',
          'pointing_model/runs/*.py', 'pointing_model/runs/columns', 'pointing_model/runs/formats',
          'pointing_model/sky/*.py',
@@ -64,17 +64,17 @@ class Table:
     Attributes
     ----------
     page : str
-        Below docs.
+        Path below docs.
     command : str
-        As a user types it; `{out}` is a folder that is thrown away.
+        Command as typed by a user; `{out}` is a temporary folder.
     rests : tuple of str
-        Folders and patterns of files.
+        Dependencies: folders and file patterns.
     begin, end : str
-        Patterns of the first line that is taken, and of the first one after it that is not.
+        Patterns of the first line used, and of the first line after the table.
     keep, cut : str
-        Pattern of the lines that are kept, and what is taken off their ends.
+        Patterns of the lines to keep, and of the ends to remove from them.
     rows : callable
-        In their place: the command's folder and output to Markdown.
+        Instead of these: converts the command's folder and output to Markdown.
     """
 
     page: str
@@ -94,7 +94,7 @@ def markdown(*rows):
 
 
 def loop_rows(folder, _):
-    """All scenarios of the loop."""
+    """Rows of all scenarios of the loop."""
     sys.path.insert(0, str(ROOT))
     from telescope_mount.loop_tables import added
     report = json.loads((folder / 'report.json').read_text(encoding='utf-8'))
@@ -105,12 +105,12 @@ def loop_rows(folder, _):
          f'{row["noise_floor_arcsec"]:.2f}') for row in report['scenarios']))
 
 
-#: modules that the table of speeds has beside ours and that are not the project's
+#: third-party modules that the table of speeds compares with
 PEERS = 'astropy', 'katpoint', 'skyfield', 'skyfield_data'
 
 
 def speed_rows(folder, _):
-    """What is measured beside a peer."""
+    """Rows of benchmarks with a peer."""
     sys.path.insert(0, str(ROOT / 'benchmarks'))
     from race import peer, seconds
     absent = [name for name in PEERS if peer(name) is None]
@@ -123,7 +123,7 @@ def speed_rows(folder, _):
 
 
 def measured_rows(_, printed):
-    """Columns of the table of measured runs that a reader wants."""
+    """The columns of the table of measured runs that are shown."""
     wanted = ('data', 'rows', 'verdict', 'radial, fitted', 'cross-validated',
               'stretches of time left out', 'held out', 'published')
     head, _, *rows = [[cell.strip() for cell in line.strip().strip('|').split('|')]
@@ -133,18 +133,18 @@ def measured_rows(_, printed):
 
 
 def league_rows(_, printed):
-    """The league's table, and what comes after it."""
+    """The league's table, and the line after it."""
     *_, last = filter(None, printed.splitlines())
     return '\n'.join([line for line in printed.splitlines() if line.startswith('|')]
                      + ['', last[:1].upper() + last[1:] + '.'])
 
 
 def printed_rows(_, printed):
-    """A table as it was printed."""
+    """A table as printed."""
     return printed.strip()
 
 
-#: what comes after the tables of a command
+#: lines after the tables of a command
 NOTES = r'note|sigma from|\d+ more|lines? \d'
 
 TABLES = {
@@ -250,7 +250,7 @@ TABLES = {
 
 
 def code_of(text):
-    """What a module does: its syntax without comments, layout and docstrings."""
+    """A module's syntax tree without comments, layout and docstrings, as text."""
     tree = ast.parse(text)
     for node in ast.walk(tree):
         body = getattr(node, 'body', None)
@@ -262,7 +262,7 @@ def code_of(text):
 
 @cache
 def hash_of(path):
-    """Hash of a file's content, of a module's code."""
+    """Hash of a file's content, or of a module's code."""
     content = path.read_bytes()
     if path.suffix == '.py':
         content = code_of(content.decode()).encode()
@@ -270,7 +270,7 @@ def hash_of(path):
 
 
 def rests_on(rests):
-    """Hash of all that these folders and patterns name, 8 hex digits."""
+    """Hash of all dependencies, 8 hex digits."""
     files = {path for part in rests for path in (
         [p for end in ('py', 'yaml') for p in (ROOT / part).rglob(f'*.{end}')]
         if (ROOT / part).is_dir() else ROOT.glob(part)) if path.is_file()}
@@ -281,7 +281,7 @@ def rests_on(rests):
 
 
 def stale():
-    """Names of tables that are older than what they rest on, or are not there."""
+    """Names of tables that are outdated or missing."""
     found = {match['name']: match['rests'] for page in DOCS.rglob('*.md')
              for match in MARK.finditer(page.read_text(encoding='utf-8'))}
     return [name for name, table in TABLES.items() if found.get(name) != rests_on(table.rests)]
@@ -304,7 +304,7 @@ def taken(text, table):
 
 
 def output_of(table):
-    """What the page shows of what the command gives."""
+    """What the page shows of the command's results."""
     command = table.command
     words = shlex.split(command)
     if words[0] == 'telescope-mount':
@@ -322,7 +322,7 @@ def output_of(table):
 
 
 def machine():
-    """Processor and number of cores, in a word or two."""
+    """Processor and number of cores, in a few words."""
     model = platform.machine()
     try:
         cpu = re.search(r'^model name\s*: (.*)', Path('/proc/cpuinfo').read_text(), re.M)
@@ -342,13 +342,13 @@ def made(name, text, rests):
 
 
 def write(name):
-    """Run the command and put its table into the page."""
+    """Run the command and insert its table into the page."""
     table = TABLES[name]
-    rests = rests_on(table.rests)  # as the command begins
+    rests = rests_on(table.rests)  # at the start of the command
     text = made(name, output_of(table), rests)
     path = DOCS / table.page
     page = path.read_text(encoding='utf-8')
-    if f'<!-- table: {name} -->\n' in page:  # a new one
+    if f'<!-- table: {name} -->\n' in page:  # a new table
         page = page.replace(f'<!-- table: {name} -->\n', text)
     else:
         page, count = re.subn(rf'<!-- made: {name};.*?<!-- end: {name} -->\n', lambda _: text, page,
@@ -359,7 +359,7 @@ def write(name):
 
 
 def main():
-    """The exit code."""
+    """Run; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('names', nargs='*', metavar='NAME', help=', '.join(TABLES))

@@ -12,13 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Makes the runs of the tutorials, of simulated nights, and the pictures of their pages.
+"""Generates the tutorials' runs, from simulated nights, and the pictures of their pages.
 
     .venv/bin/python docs/make/tutorials.py            # the runs, in examples/tutorial
-    .venv/bin/python docs/make/tutorials.py pictures   # what chromium shows of their pages
+    .venv/bin/python docs/make/tutorials.py pictures   # screenshots of their pages with chromium
 
-The scenarios stand beside the runs. A night has two power-ons: two nights of the alt-azimuth
-mount; of the German one the first, as plate solves with the place that the mount reports.
+The scenarios are in the same folder as the runs. A night has two power-ons: two nights for the
+alt-azimuth mount; for the German one only the first, as plate solves with the place reported by
+the mount.
 """
 
 import shutil
@@ -43,7 +44,7 @@ from pointing_model.sky.refraction import Weather  # noqa: E402
 from pointing_model.sky.site import DEFAULT_SITE  # noqa: E402
 from telescope_mount.run_loader import load_run  # noqa: E402
 
-#: name of a picture, command that makes its page, width and height that are shown, pixels
+#: name of a picture, command for its page, width and height shown, pixels
 PAGES = {
     'tutorial_altaz_fit': ('fit examples/tutorial/altaz_night1.csv', 900, 690),
     'tutorial_altaz_diagnosis': ('diagnose examples/tutorial/altaz_night1.csv '
@@ -60,7 +61,7 @@ def run(*words):
 
 
 def night(folder, name, stars):
-    """Rows of a simulated night that are stars of the run, by power-on."""
+    """Rows of the stars of a simulated night, without those for the zero, by power-on."""
     run('night', '--scenario', f'examples/tutorial/{name}.yaml', '--stars', str(stars),
         '--polaris', '4', '--seed', '3', '--out', str(folder / name))
     rows = load_run(folder / name / 'bag')
@@ -69,7 +70,7 @@ def night(folder, name, stars):
 
 
 def write(name, comments, columns):
-    """A table with its comments."""
+    """Write a table with its comments."""
     path = RUNS / name
     with open(path, 'w', encoding='utf-8') as stream:
         stream.writelines(f'# {line}\n' for line in comments)
@@ -79,12 +80,12 @@ def write(name, comments, columns):
 
 
 def degrees(values, digits=5):
-    """Angles as a file has them."""
+    """Angles as written to a file."""
     return [f'{value / DEG:.{digits}f}' for value in values]
 
 
 def altaz(folder):
-    """Two nights of a CSV."""
+    """Write two nights as CSV."""
     for number, rows in enumerate(night(folder, 'altaz', 60), 1):
         write(f'altaz_night{number}.csv', [], {
             'time': [text[:19] + 'Z' for text in iso_utc(rows['time'])],
@@ -94,7 +95,7 @@ def altaz(folder):
 
 
 def german(folder):
-    """Plate solves, and the places that the mount reports, as J2000."""
+    """Write plate solves, with the places reported by the mount, as J2000."""
     rows, _ = night(folder, 'german', 80)
     mount, site, time = rows.mount, DEFAULT_SITE, rows['time']
     ra, dec = observed_to_icrs(*mount.horizon_of(rows['az'], rows['el']), time, site,
@@ -115,7 +116,7 @@ def german(folder):
 
 
 def picture(name, command, width, height, folder):
-    """The top of a page as chromium shows it, in few colours."""
+    """The top of a page as shown by chromium, with few colours."""
     from PIL import Image
     page, shot = folder / 'page.html', folder / 'shot.png'
     run(*command.split(), '--report', str(page), '--overwrite')

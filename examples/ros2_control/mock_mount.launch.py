@@ -26,10 +26,10 @@ from launch_ros.actions import Node
 from launch import LaunchDescription
 
 HERE = Path(__file__).resolve().parent
-#: the graph has a robot_description too, that of the model that RViz shows
+#: the graph also has a robot_description, of the model shown in RViz
 REMAPPED = [('robot_description', 'hardware_description'),
             ('joint_states', 'joint_state_broadcaster/joint_states')]
-#: of each controller, how its topics are called in the graph
+#: remappings of each controller's topics to those of the graph
 CONTROLLERS = {'joint_state_broadcaster': '',
                'mount_controller': '-r ~/joint_trajectory:=command'}
 

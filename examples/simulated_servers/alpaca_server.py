@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""As much of an Alpaca server as a telescope needs, to try and to test on."""
+"""Parts of an Alpaca server that a telescope needs, for trials and tests."""
 
 import json
 import threading
@@ -25,12 +25,12 @@ NOT_IMPLEMENTED, INVALID_VALUE = 0x400, 0x401
 
 
 class AlpacaServer(ABC):
-    """Serves one device, as a context.
+    """Serves one device, as a context manager.
 
     Parameters
     ----------
     port : int
-        A free one by default.
+        By default a free port.
 
     Attributes
     ----------
@@ -75,18 +75,18 @@ class AlpacaServer(ABC):
             daemon_threads = True
 
             def handle_error(self, *_):
-                pass  # a client that has gone
+                pass  # the client has disconnected
 
         self._http = Quiet(('127.0.0.1', port), Handler)
         self.port = self._http.server_port
 
     @abstractmethod
     def value(self, name):
-        """Value of a property, its name in small letters; KeyError where there is none."""
+        """Value of a property with its name in lower case; KeyError if there is none."""
 
     @abstractmethod
     def obey(self, order, given):
-        """Carry out an order, its name in small letters; what it answers.
+        """Execute an order with its name in lower case; return its answer.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class AlpacaServer(ABC):
         Raises
         ------
         KeyError, ValueError
-            There is no such order; it cannot be carried out so.
+            There is no such order; it cannot be executed with these values.
         """
 
     def __enter__(self):

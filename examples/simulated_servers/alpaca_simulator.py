@@ -14,8 +14,8 @@
 
 """An Alpaca telescope with errors: ``python examples/simulated_servers/alpaca_simulator.py``.
 
-It draws errors of its parts of 0.02 to 0.1 deg each, says which, and runs until Ctrl-C. Where its
-tube looks it tells by its own action, `TRUE_PLACE`, as no driver of a real mount can.
+It draws errors of 0.02 to 0.1 deg for each part, prints them, and runs until Ctrl-C. It reports
+the true pointing of its tube by its own action, `TRUE_PLACE`, which no driver of a real mount can.
 """
 
 import sys
@@ -34,7 +34,7 @@ from telescope_mount.bridges.connection import PORTS
 
 
 class SimulatedTelescope(AlpacaServer):
-    """A `TwoAxes` that speaks Alpaca.
+    """A `TwoAxes` with an Alpaca interface.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def _serve(given):
 
 
 def main(args=None):
-    """Run it; the exit code."""
+    """Run it; return the exit code."""
     return simulate(__doc__, 'alpaca', PORTS['alpaca'], _serve, args)
 
 

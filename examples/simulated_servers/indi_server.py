@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A server of one's own with INDI's telescope simulator, to try and to test on."""
+"""Runs a private server with INDI's telescope simulator, for trials and tests."""
 
 import shutil
 import socket
@@ -28,18 +28,18 @@ DEVICE = 'Telescope Simulator'
 
 
 def missing():
-    """What is not installed of it, in words; '' where all is."""
+    """What is not installed, in words; '' if nothing is missing."""
     lacking = [name for name in (SERVER, SIMULATOR) if shutil.which(name) is None]
     return f'no {" and no ".join(lacking)}: apt-get install indi-bin' if lacking else ''
 
 
 class SimulatorServer:
-    """Runs `indiserver` with the telescope simulator on a free port, as a context.
+    """Runs `indiserver` with the telescope simulator on a free port, as a context manager.
 
     Parameters
     ----------
     port : int, optional
-        A free one by default.
+        By default a free port.
 
     Attributes
     ----------
@@ -62,12 +62,12 @@ class SimulatorServer:
             with socket.socket() as probe:
                 probe.bind(('127.0.0.1', 0))
                 self.port = probe.getsockname()[1]
-        # drivers keep their settings in the home directory, and a user has his own there
+        # drivers keep settings in the home directory, where a user may have others
         self._home = self._home or tempfile.TemporaryDirectory()
         home = Path(self._home.name)
         with open(home / 'server.log', 'ab') as log:
             self._process = subprocess.Popen(
-                # a second server on a machine needs a local socket of its own, too
+                # a second server on a machine also needs its own local socket
                 [SERVER, '-p', str(self.port), '-u', str(home / 'socket'), SIMULATOR],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                 env={'HOME': str(home), 'PATH': '/usr/local/bin:/usr/bin:/bin'})
@@ -80,10 +80,10 @@ class SimulatorServer:
                 if self._process.poll() is not None or time.monotonic() > end:
                     self.__exit__()
                     raise OSError(f'{SERVER} does not listen on port {self.port}') from None
-                time.sleep(0.05)  # polls: another process's port gives no event to wait for
+                time.sleep(0.05)  # polling: another process's port gives no event to wait for
 
     def stop(self):
-        """End the server, and with it the driver; the settings stay for the next start."""
+        """End the server with its driver; the settings remain for the next start."""
         if self._process is not None:
             self._process.terminate()
             try:

@@ -14,8 +14,8 @@
 
 """INDI's simulator with errors: ``python examples/simulated_servers/indi_simulator.py``.
 
-It draws a model of 0.02 to 0.1 deg a term, sets it, says which, and runs until Ctrl-C. An
-alt-azimuth mount, which INDI's simulator has not, is one of this project.
+It draws a model with terms of 0.02 to 0.1 deg, sets it, prints it, and runs until Ctrl-C. For an
+alt-azimuth mount, which INDI's simulator does not have, it uses one of this project.
 """
 
 import argparse
@@ -35,22 +35,22 @@ from telescope_mount.bridges.connection import PORTS
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
 from telescope_mount.bridges.indi.indi_telescope import KIND, KINDS, IndiTelescope
 
-#: as `pointing_model` names them -> element of MOUNT_MODEL, and its sign there
+#: term of `pointing_model` -> element of MOUNT_MODEL, and its sign there
 MODEL = {'IH': ('MM_IH', -1.0), 'ID': ('MM_ID', -1.0), 'CH': ('MM_CH', -1.0),
          'NP': ('MM_NP', -1.0), 'MA': ('MM_MA', 1.0), 'ME': ('MM_ME', -1.0)}
 
 
 def set_model(telescope, terms, kind='german'):
-    """Give the simulator its own errors, which it applies on the sky before the flip.
+    """Set the errors of the simulator, which it applies on the sky before the flip.
 
     Parameters
     ----------
     telescope : IndiTelescope
         Connected.
     terms : dict of str to float
-        Of `MODEL`, rad.
+        Terms of `MODEL`, rad.
     kind : str
-        Of mount.
+        Kind of mount.
     """
     client, device = telescope.client, telescope.device
     client.property(device, KIND)
@@ -79,7 +79,7 @@ def _serve(given):
 
 
 def main(args=None):
-    """Run it; the exit code."""
+    """Run it; return the exit code."""
     return simulate(__doc__, 'indi', PORTS['indi'], _serve, args)
 
 
@@ -89,14 +89,14 @@ def simulate(doc, protocol, port, serve, args=None):
     Parameters
     ----------
     doc : str
-        Of the program; its first paragraph is the help's.
+        Docstring of the program; its first paragraph is used for the help.
     protocol : str
-        Before the address that is told.
+        Protocol, printed before the address.
     port : int
-        By default.
+        Default port.
     serve : callable
-        ``serve(given)``, with ``port``, ``seed`` and ``kind``, is a context that gives the server,
-        its terms (rad by their names) and what is reported of their signs.
+        ``serve(given)``, with ``port``, ``seed`` and ``kind``, is a context manager that gives the
+        server, its terms (rad by name) and a remark on their signs.
     args : list of str, optional
 
     Returns

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A telescope of two axes that points beside by errors of its parts, to try and to test on.
+"""A telescope of two axes with errors of its parts, for trials and tests.
 
-Its driver knows nothing of the errors: it goes to a place as if the mount were perfect, tells what
-its axes read, and the tube looks elsewhere. The parts are turned as they stand, one after the
-other; no formula of the pointing model is used.
+Its driver does not know the errors: it goes to a place as if the mount were perfect and reports
+its axis readings, while the tube points elsewhere. The parts are rotated one after the other; no
+formula of the pointing model is used.
 """
 
 import threading
@@ -28,42 +28,42 @@ from msg_tools.units import DEG, wrap
 from pointing_model.sky.places import sidereal_time
 from telescope_mount.bridges.axes_and_places import axes_at, place_of_date
 
-#: how the axes slew, both at once, rad/s
+#: slewing speed of the axes, both at once, rad/s
 SPEED = 6.0 * DEG
-#: of a mount whose first axis is vertical, or not: zeros, collimation, non-perpendicularity, lean
+#: terms of mounts with vertical first axis, or not: zeros, collimation, non-perpendicularity, tilt
 TERMS = {True: ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW'),
          False: ('IH', 'ID', 'CH', 'NP', 'ME', 'MA')}
 
 
 def draw_errors(seed, names):
-    """Errors of a mount, encoder - catalogue, as the pointing model names them.
+    """Random errors of a mount, encoder - catalogue, named as in the pointing model.
 
     Parameters
     ----------
     seed : int
     names : collection of str
-        Of the terms.
+        Names of the terms.
 
     Returns
     -------
     dict of str to float
-        rad, of 0.02 to 0.1 deg each.
+        rad, 0.02 to 0.1 deg each.
     """
     rng = np.random.default_rng(seed)
     values = rng.uniform(0.02, 0.1, len(names)) * rng.choice((-1.0, 1.0), len(names))
-    # INDI's simulator takes numbers of this many digits
+    # INDI's simulator accepts this number of digits
     return {name: round(float(value), 5) * DEG for name, value in zip(names, values)}
 
 
 class TwoAxes:
-    """The telescope; whoever asks moves it on to now. Safe to be asked by several threads.
+    """The telescope; each query moves it to the present time. Thread-safe.
 
     Parameters
     ----------
     mount : Mount
     site : Site
     errors : dict of str to float
-        As of `draw_errors`; those that are left out are 0.
+        See `draw_errors`; omitted ones are 0.
     clock : callable
         UTC, s since 1970.
 
@@ -82,7 +82,7 @@ class TwoAxes:
                              f'{", ".join(names)} here')
         values = [errors.get(name, 0.0) for name in names]
         self._zeros, (self._cone, self._skew) = np.array(values[:2]), values[2:4]
-        # AN and AW of an alt-azimuth mount; MA grows to the other side
+        # AN and AW of an alt-azimuth mount; MA has the opposite sign
         self._lean = values[4], values[5] if mount.vertical else -values[5]
         self.slewing = self.tracking = False
         self._axes, self._place, self._beyond = np.array([0.0, 80.0 * DEG]), None, False
@@ -99,7 +99,7 @@ class TwoAxes:
             self._place, self.slewing, self.tracking = (ra, dec), True, True
 
     def track(self, on):
-        """Follow the sky from where it looks now, or stand."""
+        """Track the sky from the current position, or stand still."""
         with self._lock:
             self._go_on()
             if self.slewing:
@@ -110,7 +110,7 @@ class TwoAxes:
             self.tracking = on
 
     def abort(self):
-        """Stop at once, and stand."""
+        """Stop immediately, without tracking."""
         with self._lock:
             self._go_on()
             self.slewing = self.tracking = False
@@ -118,14 +118,14 @@ class TwoAxes:
     # --- what it tells ------------------------------------------------------------------------
 
     def look(self):
-        """Where it is now.
+        """Current position.
 
         Returns
         -------
         axes : ndarray, shape (2,)
-            What they read, on the travel; azimuth from 0 to 2 pi, rad.
+            Readings within the travel, rad; azimuth from 0 to 2 pi.
         believed, true : tuple of float
-            Right ascension and declination of date by its driver, and of the tube, rad.
+            Right ascension and declination of date, by its driver and of the tube, rad.
         """
         with self._lock:
             self._go_on()
@@ -138,7 +138,7 @@ class TwoAxes:
 
     @property
     def beyond(self):
-        """Whether it looks through the pole."""
+        """Whether it points through the pole."""
         return bool(np.cos(self._axes[1]) < 0.0)
 
     def _go_on(self):
@@ -155,19 +155,19 @@ class TwoAxes:
         self.slewing = self.slewing and bool(np.abs(ahead).max() > most)
 
     def _direction(self, axes):
-        """East, north, up of the tube: its parts turned one after the other."""
+        """East, north, up of the tube: its parts rotated one after the other."""
         first, second = np.asarray(axes) - self._zeros
-        # the line of sight beside the tube, the second axis, beside the first one, the first
+        # collimation, second axis, non-perpendicularity, first axis
         tube = _turn((0.0, 1.0, 0.0), 0, 1, -self._cone)
         tube = _turn(_turn(tube, 2, 1, second), 0, 2, -self._skew)
         tube = _turn(tube, 0, 1, first)
-        # its pole to the meridian, and to the left
+        # tilt of the pole to the meridian, and to the left
         tube = _turn(_turn(tube, 1, 2, self._lean[0]), 0, 2, -self._lean[1])
         return np.array(self.mount.frame).T @ tube
 
 
 def _turn(vector, to, of, angle):
-    """Turned from one coordinate axis, `of`, toward another, `to`."""
+    """Rotate a vector from the coordinate axis `of` toward the axis `to`."""
     out = np.array(vector, float)
     s, c = np.sin(angle), np.cos(angle)
     out[to], out[of] = c * vector[to] + s * vector[of], c * vector[of] - s * vector[to]

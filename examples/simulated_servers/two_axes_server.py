@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""As much of an INDI server as a telescope needs, for a `TwoAxes`: to try an alt-azimuth mount on.
+"""Parts of an INDI server that a telescope needs, for a `TwoAxes`: to try an alt-azimuth mount.
 
-The simulator of INDI has no such mount: set to ALTAZ, version 1.9.9 tells hour angle and
-declination, and goes through the pole.
+INDI's simulator has no such mount: set to ALTAZ, version 1.9.9 reports hour angle and declination,
+and goes through the pole.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ from telescope_mount.bridges.axes_and_places import HOUR
 from telescope_mount.bridges.indi.indi_telescope import TWO_AXES
 
 DEVICE = 'Two-Axis Simulator'
-#: s between two readings
+#: s between readings
 EVERY = 0.1
 SWITCHES = {'CONNECTION': ('CONNECT', 'DISCONNECT'), 'ON_COORD_SET': ('TRACK', 'SLEW', 'SYNC'),
             'TELESCOPE_ABORT_MOTION': ('ABORT',), 'TELESCOPE_PARK': ('PARK', 'UNPARK'),
@@ -37,14 +37,14 @@ SWITCHES = {'CONNECTION': ('CONNECT', 'DISCONNECT'), 'ON_COORD_SET': ('TRACK', '
 
 
 class TwoAxesServer:
-    """Serves any number of clients, as a context.
+    """Serves any number of clients, as a context manager.
 
     Parameters
     ----------
     telescope : two_axes.TwoAxes
         Of an alt-azimuth mount.
     port : int
-        A free one by default.
+        By default a free port.
 
     Attributes
     ----------
@@ -159,12 +159,12 @@ class TwoAxesServer:
                 if client not in self._clients:
                     self._clients.append(client)
         elif element.tag == 'newNumberVector' and name == 'EQUATORIAL_EOD_COORD':
-            # a driver that is told to synchronise would do so: nothing here does
+            # a real driver would synchronise if told so: this one ignores it
             if self._on['ON_COORD_SET'] == 'TRACK':
                 self._telescope.goto(float(values['RA']) * HOUR, float(values['DEC']) * DEG)
                 self._send(''.join(_vector('set', 'Number', *row) for row in self._numbers()))
         elif element.tag == 'newNumberVector' and name == 'GEOGRAPHIC_COORD':
-            self._send(_vector('set', 'Number', name, 'Ok', values))  # it stands where it stands
+            self._send(_vector('set', 'Number', name, 'Ok', values))  # its site does not change
         elif element.tag == 'newSwitchVector' and name in SWITCHES:
             on = next((member for member, value in values.items() if value == 'On'), '')
             if name == 'TELESCOPE_ABORT_MOTION':
