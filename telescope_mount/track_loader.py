@@ -22,6 +22,7 @@ from calibration.analysis.satellites.track_faults import elements_age
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import centred, is_beyond, parse_mount, through_pole
 from pointing_model.runs.columns.pier_side import sides_of
+from pointing_model.runs.copies import written_twice
 from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
 from pointing_model.runs.track_reader import read_track
@@ -133,7 +134,13 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
             run = run.select(run['star'] >= 0)
         columns.append(_star_columns(run, frame))
         names.append(np.full(len(run), STARS, dtype=object))
-    joined = _joined(columns)
+    joined, names = _joined(columns), np.concatenate(names)
+    copied = np.ones(len(names), bool)
+    copied[np.unique([joined[key] for key in ('time', 'az_enc', 'el_enc')], axis=1,
+                     return_index=True)[1]] = False
+    if copied.any():
+        notes.append(written_twice(copied))
+        joined, names = {key: of[~copied] for key, of in joined.items()}, names[~copied]
     if 'run' in joined:
         unknown = np.isnan(joined['run'])
         joined['run'][unknown] = min(set(range(len(unknown) + 1)) - set(joined['run'].tolist()))
@@ -141,9 +148,9 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
     own = {key: joined.get(name, unknown) for name, key in _AIR}
     air = replace(base, **{key: np.where(np.isfinite(of), of, getattr(base, key))
                            for key, of in own.items()})
-    notes += orbits.notes + [elements_age(orbit, joined['time'][np.concatenate(names) == one])
+    notes += orbits.notes + [elements_age(orbit, joined['time'][names == one])
                              for one, orbit in found.items() if not orbit.precise]
-    return MeasuredTracks(joined, np.concatenate(names), found, site, air, frame, notes)
+    return MeasuredTracks(joined, names, found, site, air, frame, notes)
 
 
 def _site_of(parts, runs, path, given):

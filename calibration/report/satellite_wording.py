@@ -102,6 +102,10 @@ KINDS = {
         f'The orbit of {found.causes[0]} is wrong along the track '
         f'({_percent(found.size)}): its rows are left out'),
     'one of these wrong': _one_of_these,
+    'most orbits wrong': lambda found: (
+        f'The orbits of {" and ".join(found.causes)} seem wrong, of most satellites: rather a zero '
+        'jumped or the clock was set between passes. Number the power-ons (column run); do not '
+        'trust these terms'),
     'common to all': lambda found: (
         f'Something that all rows share is off ({_percent(found.size)}), no orbit need be: '
         f'{", or ".join(_shared(found))}, beside what was given. The fit allows for it; set it '

@@ -168,7 +168,7 @@ def test_rows_of_a_log_find_their_orbits_by_number(folder, tmp_path, monkeypatch
     paths = [folder / f'{name}.sp3' for name in ('A01', 'B02', 'C03')]
     number = -track_loader.Orbits(paths).orbit('B02').number
     rows = track_loader.load_tracks([folder / 'tracks.csv'], paths)
-    first = np.flatnonzero(rows.names == 'B02')[:1].repeat(3)
+    first = np.flatnonzero(rows.names == 'B02')[:3]
     run = PointingRun({'time': rows.columns['time'][first], 'star': np.array([number, 5, number]),
                        **{name: rows.columns[name][first] for name in ('az_enc', 'el_enc')},
                        'az': np.zeros(3), 'el': np.ones(3)}, {'source': 'night'})
@@ -184,6 +184,9 @@ def test_a_camera_that_missed_is_taken_into_account(folder, tmp_path):
     from telescope_mount.track_loader import load_tracks
     lines = (folder / 'tracks.csv').read_text().splitlines()
     head, rows = lines[:4], lines[4:24]
+    (tmp_path / 'twice.csv').write_text('\n'.join(head + rows + rows[:5]))
+    twice = load_tracks([tmp_path / 'twice.csv'], [folder / 'A01.sp3'], 'A01')
+    assert len(twice.names) == 20 and '5 of 25 rows are there twice' in ' '.join(twice.notes)
     az = [float(row.split(',')[2]) for row in rows]
     el = [float(row.split(',')[3]) for row in rows]
     (tmp_path / 'plain.csv').write_text('\n'.join(head + rows))

@@ -245,6 +245,10 @@ def fit_without_faults(tracks, **options):
             suspects = {name: chances[name] for name in likely}
             break
         freed = likely
+    if 2 * len(out) > len(tracks.objects):  # most must agree
+        notes = [Finding('most orbits wrong', causes=tuple(out)),
+                 *(one for one in notes if one.kind == 'pass left out')]
+        out, suspects, freed = [], {}, ()
     tracks, more = _without_strays(_without(tracks, out), 0.0, wrong=freed + tuple(suspects),
                                    **options)
     notes += more

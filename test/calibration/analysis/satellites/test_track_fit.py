@@ -270,6 +270,9 @@ def test_each_power_on_has_a_zero():
     tracks = made_tracks(np.random.default_rng(14), SEVEN)
     second = tracks.run['time'] > np.median(tracks.run['time'])
     moved = off(tracks, ~second * 100.0 * ARCSEC * np.cos(tracks.run['el']))
+    unsaid = fit_without_faults(moved)  # no column says it: it is no orbit's fault
+    first = worded(track_document(unsaid))['notes'][0]
+    assert unsaid.left_out == () and 'of most satellites: rather a zero jumped' in first
     moved.run = PointingRun({**moved.run.columns, 'run': 7.0 + second}, moved.run.meta)
     fit = fit_without_faults(moved)
     assert agrees(fit)  # the zeros are those of the newest
