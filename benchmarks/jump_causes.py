@@ -12,27 +12,27 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Who moved in a jump, how often the cross-check names it, and how often it alarms of nothing.
+"""Encoder cross-check: how often is the cause of a jump named, how often are there false alarms?
 
     python benchmarks/zero_drift.py --causes 100
     python benchmarks/zero_drift.py --quiet 100
 
-Nights of `zero_drift`, but no encoder moves at its power-on by more than the 0.3" that are usual
-for the absolute one, but for the jump: of the incremental encoder, of the absolute one, of both
-(unlike by as many sigma of their difference), or of the mount about the axis. It happens at the
-power-on, as `zero_drifts_arcsec` of the encoders makes it, or in the night, 20 rows or more from
-its ends, when nobody knows.
+Nights of `zero_drift`, but encoder zeros change at a power-on by only 0.3", as is usual for the
+absolute one. In addition there is a jump: of the incremental encoder, of the absolute one, of both
+(differing by the same number of sigma of their difference), or of the mount about the axis. It
+happens at the power-on, by `zero_drifts_arcsec` of the encoders, or during the night at an unknown
+moment, 20 rows or more from its ends.
 
-One sigma is that of a zero by the sky. At a power-on: the noise of absolute encoder - sky from
-night to night, and the 0.5" of what is usual. In the night: of a step at that moment, fitted to the
-night by who knows the moment and the noise. `night to night` is the noise from night to night for a
-step in the night as well: 152 rows know the difference of the encoders better than the 76 of one
-night, so that these jumps are of 3.5 to 4 sigma only.
+One sigma is that of a zero measured on the sky. At a power-on: the night-to-night noise of absolute
+encoder - sky, and the usual changes of 0.5". In the night: the sigma of a step at that moment in a
+fit with moment and noise known. `night to night` uses the night-to-night noise for a step in the
+night too: 152 rows determine the difference of the encoders better than the 76 of one night, so
+these jumps have only 3.5 to 4 sigma.
 
-Two peers stand beside each figure, both of one who knows the noise. `moment known`: he decides as
-the calibration does, but is told the moment; no detector that calls as few jumps of one encoder
-jumps of both names more. `beyond chance`: he also has to find so much that the search through all
-moments of the night has it by chance as seldom as the calibration has (`Budget.false_alarm`).
+Each figure is compared with two peers that know the noise. `moment known` decides like the
+calibration, but knows the moment: no detector with as few single-encoder jumps wrongly named "both"
+names more. `beyond chance` must also exceed the significance level of the calibration
+(`Budget.false_alarm`), corrected for the search over all moments of the night.
 """
 
 import time

@@ -12,38 +12,39 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A league of ways to predict stars that a fit has not seen, on all measured telescopes.
+"""Comparison of methods to predict held-out stars, on all measured telescopes.
 
     python benchmarks/league.py [--data FOLDER] [--only NAME] [--json FILE]
                                 [--render FILE ...]
 
-FOLDER holds the runs of `docs/measured_data.md`; what is absent is left out. `--render` prints the
-table of files that were written with `--json`, without fitting anything: runs may be made in parts.
+FOLDER holds the runs of `docs/measured_data.md`; absent ones are skipped. `--render` prints the
+table of files written with `--json`, without fitting: the benchmark may be run in parts.
 
-What follows was written down before anything was run, and is not changed by what came out.
+The rules below were fixed before the first run and not changed afterwards.
 
-Rules. A telescope counts once: of several runs it has their geometric mean. MMT, 8 m, 5 m, COATLI
-and Warp Astron have one run, the IRAM 30 m has two; of the ARC 3.5 m every twelfth of the runs
-with 40 rows or more. Ten folds at random (rows of one star within minutes together; seeds 0 and 1,
-averaged; `cause`, which is slow, seed 0) and ten blocks that follow one another in time, or in the
-file where it has no times. All that a method chooses, it chooses without the fold. The figure is
-the radial RMS on the sky of all usable rows, outliers too. Zeros and terms are the seven physical
-ones of the mount, everywhere.
+Rules. A telescope counts once, with the geometric mean of its runs. MMT, 8 m, 5 m, COATLI and Warp
+Astron have one run, the IRAM 30 m has two; of the ARC 3.5 m every twelfth run with 40 rows or more
+is used. Cross-validation with ten random folds (rows of one star within minutes together; seeds 0
+and 1, averaged; the slow `cause` only seed 0), and with ten consecutive blocks in time, or in file
+order if there are no times. Everything a method selects, it selects without the held-out fold. The
+figure is the radial RMS on the sky of all usable rows, including outliers. Zeros and terms are the
+seven physical ones of the mount everywhere.
 
 Pool. All columns of the diagnosis's dictionary for the run (direction, time or order, temperature,
-approach, columns of the file), without its steps and subdivisions of encoders: the same for all
-methods, each scaled to what the terms do not explain of it.
+approach, columns of the file), without its steps and encoder subdivisions. It is the same for all
+methods, each column scaled to its part orthogonal to the terms.
 
-Methods, each as a careful user would take it: `terms` (robust least squares), `katpoint` (its own
-linear fit of the same seven terms, alt-azimuth mounts alone), `greedy` (BIC, ordinary least
-squares), `ridge` and `lasso` (scikit-learn's RidgeCV and LassoCV, 15 and 50 strengths, five inner
-folds, on what the terms leave), `average` of greedy and ridge, `gp` (scikit-learn's Gaussian
-process of each axis on what the terms leave: squared exponential in the direction's three
-components and time, a length each, and white noise), `cause` (our diagnosis, choice repeated in
-each fold), `ours` (`fit --predict`). Figures that were published are beside them, in sample.
+Methods, each as a careful user would apply it: `terms` (robust least squares), `katpoint` (its own
+linear fit of the same seven terms, only alt-azimuth mounts), `greedy` (forward selection by BIC,
+ordinary least squares), `ridge` and `lasso` (scikit-learn's RidgeCV and LassoCV, 15 and 50
+strengths, five inner folds, on the residuals of the terms), `average` of greedy and ridge, `gp`
+(scikit-learn's Gaussian process for each axis on the residuals of the terms: squared exponential in
+the direction's three components and time, a length scale each, and white noise), `cause` (our
+diagnosis, effects re-selected in each fold), `ours` (`fit --predict`). Published figures are listed
+too; they are in-sample.
 
-Judged: `ours` over the one method that is best in the geometric mean of all telescopes (over those
-that it can read), and over the best of all on each telescope.
+Compared: `ours` with the single method of best geometric mean over all telescopes (that it can
+read), and with the best method on each telescope.
 """
 
 import argparse

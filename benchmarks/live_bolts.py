@@ -12,15 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`bolts --live` beside a simulated mount whose images are drawn, solved by a real plate solver.
+"""`bolts --live` with images drawn for a simulated mount and a real plate solver.
 
     python benchmarks/live_bolts.py [--mounts N] [--seed N]
 
-Needs solve-field and its Tycho-2 index files. A mount off by degrees writes images into a folder
-(400 x 400 pixels of 60", stars of the Hipparcos catalogue): three with the hour axis turned, then
-one after each turn of the bolts, part of the way at a time, then three once more. Printed: how
-long after an image its number was there, and how far the axis that it tells is from where it is,
-in arcsec and in its own sigma.
+Needs solve-field and its Tycho-2 index files. A mount misaligned by degrees writes images into a
+folder (400 x 400 pixels of 60", stars of the Hipparcos catalogue): three with the hour axis turned,
+then one after each partial turn of the bolts, then three again. Printed: time from an image to its
+result, and error of the measured axis in arcsec and in its stated sigma.
 """
 
 import argparse

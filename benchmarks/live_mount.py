@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A mount, an encoder and a camera on the time of the wall, in the process of a benchmark.
+"""A mount, an encoder and a camera in real time, in the process of a benchmark.
 
-Drivers as a user writes them (docs/real_mount.md), each of which may fail at a moment, and beside
-them an independent look at what the mount is commanded. The site lies where it is midnight, so that
-the hour of the run does not decide what happens.
+These are drivers as a user writes them (docs/real_mount.md), each of which may fail at a given
+moment, and an independent check of the commands to the mount. The site is where it is midnight, so
+results do not depend on the time of day.
 """
 
 import time

@@ -12,23 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The graph under load: encoders at up to 1 kHz beside the night's nodes, and a flood to the log.
+"""The graph under load: encoders at up to 1 kHz with all nodes of a night, and a flooded logger.
 
     python benchmarks/load.py                        two rates, within 40 s on free cores
     python benchmarks/load.py --full                 10 to 1000 Hz, 30 s each: 5 minutes
     python benchmarks/load.py --rates 1000 --seconds 30
     python benchmarks/load.py --flood 30 --message-rate 20000
 
-- rates: two drivers of encoders, each a process of its own, publish JointState on the time of the
-  wall, and observer, guard, pointing corrector, calibration and logger run beside them as on a real
-  mount. A reading is stamped with the moment for which it is due, so that what the driver is late
-  counts; its arrival is when a callback of this process gets it. p99 is the median over windows
-  of 1 s. Lost is what any of the subscribers misses in the publishers' sequence numbers.
+- rates: two encoder drivers, a process each, publish JointState in real time, and observer, guard,
+  pointing corrector, calibration and logger run as on a real mount. A reading is stamped with its
+  scheduled time, so delays of the driver count; it arrives when a callback of this process gets it.
+  p99 is the median over windows of 1 s. Lost messages are gaps in the publishers' sequence numbers
+  at any subscriber.
 - start-up: the nine nodes of a simulated night, from the command until all endpoints match.
 - flood: four topics of serialised JointState (publishers of depth 5000) into the logger.
 
-The load average stands beside each, and the share of the time in which a thread was ready and had
-no core: what else the machine does decides about the largest delays.
+The load average is printed too, and the fraction of time in which a ready thread had no core: other
+load on the machine determines the largest delays.
 """
 
 import argparse

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Throws damaged and hostile logs at everything that reads one.
+"""Fuzz test with damaged and hostile logs for everything that reads logs.
 
-Each input has 2 s of processor time and 500 MB. It must end in a clear error of one line or in
-messages; what goes beyond, any other exception, and a file outside of the target folder is a
-failure, and the input is kept.
+Each input has 2 s of CPU time and 500 MB. It must give messages or a clear error of one line.
+Exceeding the limits, any other exception, or a file outside the target folder is a failure, and the
+input is kept.
 
     python benchmarks/log_fuzz.py --seconds 600
     python benchmarks/log_fuzz.py --crafted --flips --inputs 500

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How fast a log is written, recorded, opened, replayed and recomputed.
+"""Speed of writing, recording, opening, replaying and recomputing a log.
 
     python benchmarks/log_speed.py --writer --open --recompute NIGHT/bag
     python benchmarks/log_speed.py --flood 30 --encoders 600 --timing 30
 
-Without an option a small round of each that needs no ROS. Recording runs logger and publisher as
-processes of their own, over DDS, on this machine alone.
+Without options it runs a small round of each part that needs no ROS. Recording runs logger and
+publisher as separate processes, over DDS, on this machine.
 """
 
 import argparse

@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Thirty nights in one graph, one after the other: what grows?
+"""Thirty nights in one graph, one after the other: memory, open files and threads.
 
     python benchmarks/long_run.py [--nights N]     # 30 nights
     python benchmarks/long_run.py --full           # 200 nights
 
-Simulated nights with a power cycle between them, 8 stars and 4 exposures of Polaris each, as the
-command `experiment` makes them. After each night, of every process: memory (RSS, and what is its
-own alone, USS), open files, threads; and what is in `/dev/shm`. Printed is the growth from the end
-of the night `--from` on, against the limit of 2 %. With `--kept 0` observer and calibration keep
-the rows of all nights, and grow with them: so much a row is printed too.
+Simulated nights as in the command `experiment`, with a power cycle between them, 8 stars and 4
+exposures of Polaris each. Recorded after each night for every process: memory (RSS, and unshared,
+USS), open files, threads; and the contents of `/dev/shm`. Printed is the growth since the end of
+the night `--from`, compared with the limit of 2 %. With `--kept 0` observer and calibration keep
+the rows of all nights and grow with them: the growth per row is printed too.
 """
 
 import argparse

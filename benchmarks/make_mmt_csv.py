@@ -16,7 +16,7 @@
 
 Usage: python benchmarks/make_mmt_csv.py FOLDER_WITH_point_20210821.dat OUT.csv
 
-Prints how far the refracted places in the file are from ERFA's, which tells the columns apart
+Prints the difference of the refracted places in the file from ERFA's, which identifies the columns
 and confirms the date.
 """
 

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A night over two hosts whose network loses, delays, is cut: does it end, with which numbers?
+"""A night over two hosts with a network that loses and delays frames or is cut: does it finish?
 
     python benchmarks/many_hosts.py             # a table, some minutes
-    python benchmarks/many_hosts.py --repeat 5  # each case so often, with other frames lost
+    python benchmarks/many_hosts.py --repeat 5  # each case five times, with other frames lost
 
-The mount's side (simulator, encoders, camera, guard) is one host, observer, calibration, corrector
-and log another; see `hosts`. Needs root, as network namespaces do.
+The mount's side (simulator, encoders, camera, guard) is on one host; observer, calibration,
+corrector and logger are on another; see `hosts`. Needs root for network namespaces.
 """
 
 import argparse

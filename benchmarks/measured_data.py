@@ -12,15 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The diagnosis on measured data: before, after, held out, beside what others got.
+"""The diagnosis on measured data: RMS before, after and cross-validated, and published figures.
 
     python benchmarks/measured_data.py --data ../shared/data [--only NAME] [--seeds N]
 
 `--data` is a folder with the runs of an 8 m telescope (spk8m), the ARC 3.5 m (arc35m) and the
-IRAM 30 m (iram30m: all logs that are there); where it is absent only the data of this project are
-taken: the MMT night, and the tables of papers 000 and 001. Sessions are as the data have them.
-With `--seeds` each is diagnosed N times, and the table is how far the cross-validated figure after
-hangs on the seed.
+IRAM 30 m (iram30m: all logs there). Without it only the data of this project are used: the MMT
+night, and the tables of papers 000 and 001. Sessions are those of the data. With `--seeds` each run
+is diagnosed N times, and the table shows how the cross-validated RMS after depends on the seed.
 """
 
 import argparse

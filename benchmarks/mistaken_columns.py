@@ -12,20 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Columns that are not what they are named: named or refused, and right ones never.
+"""Mistaken columns: are they recognised, and are correct columns accepted?
 
     python benchmarks/mistaken_columns.py [--data ../shared/data] [--nights N] [--full]
 
 Eight kinds of mistakes (in the columns of the catalogue, of the encoders, or both) on three
 telescopes: the MMT night of this project, the 8 m of `--data` (else a simulated one), and a
-simulated mount with a zero anywhere and terms of a degree. Then right input: measured runs of
-`--data`, and simulated nights with terms from nothing to a degree and up to three effects of 1 to
-300 arcsec, of 12 to 200 rows over a strip, a quadrant or all of the sky.
+simulated mount with arbitrary zeros and terms of a degree. Then correct input: measured runs of
+`--data`, and simulated nights with terms from zero to a degree and up to three effects of 1 to 300
+arcsec, with 12 to 200 rows over a strip, a quadrant or all of the sky.
 
-`named`: the mistake is among the readings that are said to fit; `alike`: it fits as well as it is
-written, and the result says so; `noted`: it may be an effect as well, and a note says so. `effects`
-are those that the diagnosis claims where it goes on, and that are in no set of equals that it gives
-for the right columns.
+`named`: the mistake is among the interpretations reported to fit; `alike`: it fits as well as the
+columns as written, and the result reports it; `noted`: it may also be an effect, and a note reports
+it. `effects` are those claimed by the diagnosis of mistaken columns that are in no set of equals
+for the correct columns.
 """
 
 import argparse

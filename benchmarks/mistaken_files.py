@@ -12,20 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files whose columns, clock or site are not what they say, of all kinds of mount; right ones.
+"""Files with mistaken columns, clock or site, for all kinds of mount; and correct files.
 
     python benchmarks/mistaken_files.py [--runs N] [--right N] [--only KIND ...] [--verbose]
 
-Files as owners write them: alt-azimuth, fork and German mounts, German ones with and without a
-column of the side of the pier, with and without rows through the pole, alt-azimuth ones with 0, 30
-and 60 % of the rows beyond the zenith; 8 to 80 rows, terms of 10 to 1000 arcsec, in a third of them
-zeros of degrees, noise of 0.5 to 10 arcsec. Every mistake of `mistakes` in the catalogue's columns,
-the mount's, or both; for files with right ascensions every clock and site of `elsewhere`.
+Files as users write them: alt-azimuth, fork and German mounts; German ones with and without a pier
+side column, with and without rows through the pole; alt-azimuth ones with 0, 30 and 60 % of the
+rows beyond the zenith. They have 8 to 80 rows, terms of 10 to 1000 arcsec, zeros of degrees in a
+third of them, noise of 0.5 to 10 arcsec. Every mistake of `mistakes` is made in the catalogue's
+columns, the mount's, or both; for files with right ascensions every clock and site of `elsewhere`.
 
-`named`: the refusal says what it is; `refused`: something else, or nothing; `noted`: fitted, and a
-note says that it may be; `alike`: both signs turned, or mount and catalogue exchanged, which no fit
-can see: the result says so; `harmless`: fitted, with every term within 5 sigma of the true one;
-`WRONG`: fitted, and some term is not. Then right files, which none may refuse.
+`named`: refused with the right reason; `refused`: refused with another reason or none; `noted`:
+fitted, with a note that it may be mistaken; `alike`: both signs reversed, or mount and catalogue
+exchanged, which no fit can detect: the result reports this; `harmless`: fitted, with every term
+within 5 sigma of the true one; `WRONG`: fitted, with some term farther off. Then correct files,
+none of which may be refused.
 """
 
 import argparse

@@ -12,24 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What other programs hold of a model: round trips and losses, in arcseconds on the sky.
+"""Models exported to other programs: round trips and losses, in arcseconds on the sky.
 
     python benchmarks/model_files.py [--full]
 
 For every program that `telescope-mount export --to` writes:
 
-- round trip: a model that the program holds (katpoint, RTS2: first order; TPOINT: rotations; SPK,
-  INDI and OnStepX: a model of theirs), written, read and compared, the largest difference over
-  random models. Target 0.001 arcsec.
+- round trip: a model that the program can represent (katpoint, RTS2: first order; TPOINT:
+  rotations; SPK, INDI and OnStepX: a model of theirs), written, read and compared; the largest
+  difference over random models. Target 0.001 arcsec.
 - loss: the seven terms (INDI: six, without NPAE) as exact rotations, refitted to the program, RMS
   and largest over a uniform sky above 20 degrees, for terms of a well aligned mount (10 arcsec), an
   ordinary one (60) and a bad one (300); and with the measured night of the MMT, its terms on its
   own sky.
-- peer: our file of a model read by the program itself, where it is installed (katpoint), or by
-  another that computes the same (pytelpoint for TPOINT's names, to first order): the largest
-  difference to what we say it computes.
+- peer: our model file read by the program itself, if installed (katpoint), or by an equivalent one
+  (pytelpoint for TPOINT's names, to first order): the largest difference from our computation.
 
-``--full`` takes 200 random models in place of 20.
+``--full`` takes 200 random models instead of 20.
 """
 
 import argparse

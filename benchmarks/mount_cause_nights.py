@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes by geometry of their own, for `mount_causes.py`: none uses an effect of the dictionary."""
+"""Causes simulated by independent geometry, not with effects of the dictionary.
+
+For `mount_causes.py`.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass

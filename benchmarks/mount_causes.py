@@ -12,21 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes that a mount's owner meets: are they in the set, is a wrong one named alone?
+"""Common causes of pointing errors: is the true one in the reported set, or a wrong one alone?
 
     python benchmarks/mount_causes.py [--only NAME ...] [--nights N] [--rows N] [--lambda L]
                                       [--seed N] [--full] [--verbose] [--list]
 
-Each cause is made by geometry of its own (`CAUSES`), on an alt-azimuth or a German mount whose
-seven terms are off, scaled to a given lambda = |(1 - P) s| / sigma: its signal beyond the seven
-terms over the noise of an axis. Each night is one of six: the cause is in the set of a found
-effect (a near alias of `alike` counts); or in the set of what explains the rows as well as a drift
-of unknown cause does (`or drift`); a drift without it (`drift`); a shape without a cause is all
-that is found; nothing is; or an effect with another name is found whose set lacks the true one.
-`--full` runs 200 nights of 60 rows at lambda 9 and of 120 rows at lambda 7, or at the sizes that a
-cause has of its own.
+Each cause is simulated by independent geometry (`CAUSES`), on an alt-azimuth or a German mount with
+errors in the seven terms, scaled to a given lambda = |(1 - P) s| / sigma: the signal that the seven
+terms cannot absorb over the noise of an axis. Each night has one of six results. `set`: the cause
+is in the set of equals of a found effect (near aliases, `alike`, count). `or drift`: only a drift
+of unknown cause is found, but the true cause is among the effects that explain the data equally
+well. `drift`: a drift without it. `shape`: only a smooth curve without a cause is found. `nothing`:
+nothing is found. `wrong`: another effect is found whose set lacks the true cause. `--full` runs 200
+nights of 60 rows at lambda 9 and of 120 rows at lambda 7, or at sizes specific to a cause.
 
-A cause more is an entry more of `CAUSES`: see `mount_cause_nights.py`, `mount_history_nights.py`.
+To add a cause, add an entry to `CAUSES`: see `mount_cause_nights.py`, `mount_history_nights.py`.
 """
 
 import argparse

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes that have a history, for `mount_causes.py`: temperatures, slews, a rotator."""
+"""Causes that depend on the past, for `mount_causes.py`: temperatures, slews, a rotator."""
 
 import numpy as np
 from mount_cause_nights import Cause, U, _first, _second

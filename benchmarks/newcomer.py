@@ -12,14 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From a clone to the page of one's own file, by the commands of the README and nothing else.
+"""From a clone to the report on a user's file, only with the commands of the README.
 
     python benchmarks/newcomer.py                          # the MMT night
     python benchmarks/newcomer.py --full --data FOLDER     # and files of other telescopes there
 
-Clones this repository into a temporary folder, makes a venv, installs without ROS, and gives each
-file to `fit` and `diagnose --report` as its owner has it. The clone is of what is committed. pip
-takes packages from its cache where it has them.
+Clones this repository (committed files) into a temporary folder, makes a venv, installs without
+ROS, and runs `fit` and `diagnose --report` on each original file. pip uses its cache.
 """
 
 import argparse

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The same night twice, once with both cores busy: are the observations the same?
+"""The same night twice, the second time with both cores busy: are the observations the same?
 
     python benchmarks/night_repeat.py
 """

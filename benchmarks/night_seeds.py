@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Many nights through the whole graph: is the zero right, and how good are held-out stars?
+"""Many nights in the whole graph: accuracy of the zero, and RMS of held-out stars.
 
     python benchmarks/night_seeds.py --seeds 200
 
-Each seed is a night of its own stars, noise and power-on drift (20" an axis, scenario `default`;
-star noise 1" an axis). The truth of the drift is read from the simulator's own bag, after the
-night. Prints the median held-out radial RMS of each kind of model, in units of sqrt(2)", and the
-pull (measured - true) / sigma of the change of the zero.
+Each seed gives other stars, noise and power-on drift (20" per axis, scenario `default`; star noise
+1" per axis). The true drift is read from the simulator's own bag after the night. Prints the median
+held-out radial RMS of each kind of model, in units of sqrt(2)", and the pull (measured - true) /
+sigma of the change of the zero.
 """
 
 import argparse

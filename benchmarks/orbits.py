@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Precise orbits: epochs left out and predicted, places beside Skyfield and astropy, and speed.
+"""Precise orbits: interpolation of held-out epochs, places against Skyfield and astropy, speed.
 
     OMP_NUM_THREADS=1 python benchmarks/orbits.py [--data ../shared/data/orbits] [--rounds 5]
 
-Places: the same ITRF positions, Earth orientation and site in all of them, without refraction;
-Skyfield's ``altaz`` of the difference (geometric) and its ``apparent`` by way of the solar system's
-barycentre; astropy's AltAz of a topocentric ITRS, at the retarded position turned with the Earth,
-which has no aberration. Peers: extra ``test``.
+Places: all use the same ITRF positions, Earth orientation and site, without refraction. Compared
+are Skyfield's ``altaz`` of the difference (geometric) and its ``apparent`` via the solar system
+barycentre, and astropy's AltAz of a topocentric ITRS, at the retarded position rotated with the
+Earth, which has no aberration. Peers: extra ``test``.
 """
 
 import argparse

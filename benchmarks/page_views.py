@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Each page in a real browser, on a phone and on a desk, light and dark.
+"""Each report page in a real browser, at phone and desktop size, light and dark.
 
     python benchmarks/page_views.py [PAGE ...]
 
-Makes the page of each command on simulated data (some minutes; with PAGE: looks at those files
-alone), opens all folded parts, and counts at 390 and 1280 px what is cut, texts below a contrast of
-4.5 (WCAG 2.1 AA; 3 where large), and errors of scripts. Beside it the words of each page: in sight,
-and with all parts open. Exit code 1 if anything is wrong.
+Makes the page of each command on simulated data (some minutes; with PAGE: only checks those files)
+and opens all folded parts. It counts, at 390 and 1280 px: cut-off content, texts with a contrast
+below 4.5 (WCAG 2.1 AA; 3 for large text), and script errors. The word count of each page is printed
+too: visible, and with all parts open. Exit code 1 if anything is wrong.
 """
 
 import argparse

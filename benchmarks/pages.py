@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How large the page of a long run is, how fast a browser opens it, and refits excluded rows.
+"""Report page of a long run: its size, time to open it, and time to refit with excluded rows.
 
     python benchmarks/pages.py
 
-A fit to 1044 rows, with hysteresis and one wild row, is written as ``fit --report`` does and opened
-in a headless Chromium: the time of its work until the page is laid out, best and median of 5, which
-is to stay below 1 s on a quiet machine, and the bytes of the page, below 1 MB. There ten rows are
-excluded, one after the other: the time from the click until terms, plots and RMS are laid out, to
-stay below 0.2 s. A table has how far the terms of the page are then from those of the command with
-``--exclude``: of a linear fit (IA, IE, TF), of exact rotations, and of a robust fit.
+A fit to 1044 rows, with hysteresis and one gross outlier, is written as by ``fit --report`` and
+opened in a headless Chromium. Printed: the time until the page is laid out, best and median of 5
+(target below 1 s on an idle machine), and the size of the page (target below 1 MB). Then ten rows
+are excluded, one after the other: the time from the click until terms, plots and RMS are laid out
+(target below 0.2 s). A table compares the terms of the page with those of the command with
+``--exclude``: for a linear fit (IA, IE, TF), exact rotations, and a robust fit.
 """
 
 import argparse

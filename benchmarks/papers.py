@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The errata of both papers, counted: the figures of docs/papers.md that have no table elsewhere.
+"""Errata of both papers: computes the figures of docs/papers.md that have no table elsewhere.
 
     python benchmarks/papers.py            # a tenth of it, seconds
     python benchmarks/papers.py --full     # 10 000 angles, 2000 skies: a minute
 
-Without ROS. Beside each figure stands what the paper says. At a small size
-`test/telescope_mount/papers/test_errata.py` holds them.
+Without ROS. Each figure is printed with the paper's. `test/telescope_mount/papers/test_errata.py`
+checks them at a small size.
 """
 
 import argparse

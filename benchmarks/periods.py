@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Worms and gears whose period nobody declared: found, with the right period, and not in noise.
+"""Undeclared periods of worms and gears: detection, accuracy of the period, false detections.
 
     python benchmarks/periods.py [--nights N] [--on-sky] [--full] [--verbose]
 
 Nights of a German and an alt-azimuth mount in random order above 20 degrees. One axis has a worm or
-gear of a whole number of periods a turn, 10 to 1000, all as likely, of which the search knows
-nothing; both axes are searched. Its amplitude is that of the angle of the axis, so of the first
-axis cos of the second angle is lost on the sky; with `--on-sky` it is made up for: the RMS on the
-sky is that of the amplitude. `found`: a periodic error of that axis is added;
-`exact`: its period is that one, to half of the resolution (1 / turns of travel); `to the tooth`:
-rounded it is that number; `other`: nights with any other effect. `clean`: nights without it, in
-white noise and in noise that remembers (correlation 0.9 from row to row, half of the variance).
+gear with a whole number of periods per turn, uniform from 10 to 1000 and unknown to the search,
+which tests both axes. The amplitude is that of the axis angle, so on the sky an error of the first
+axis is multiplied by the cosine of the second angle. `--on-sky` compensates this: the RMS on the
+sky is that of the amplitude. `found`: a periodic error of that axis is added. `exact`: its period
+is correct to half of the resolution (1 / turns of travel). `to the tooth`: rounded, it is the true
+number. `other`: nights with any other effect. `clean`: nights without it, in white noise and in
+correlated noise (correlation 0.9 from row to row, half of the variance).
 """
 
 import argparse

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Places of a star: time against the full computation, astropy (interpolating) and katpoint 0.10.3.
+"""Speed of star places: ours, the full computation, astropy (interpolating) and katpoint 0.10.3.
 
     OMP_NUM_THREADS=1 python benchmarks/places_speed.py [--rounds N]
 
-Without refraction, with the same site; astropy with ErfaAstromInterpolator of 300 s, and its tables
-of the IERS from the same package. Each first place is of another night, which no cache knows.
+Without refraction, with the same site; astropy with ErfaAstromInterpolator of 300 s and IERS tables
+from the same package. Each first place is for another night, so that no cache helps.
 Peers: .venv/bin/pip install astropy katpoint.
 """
 

@@ -12,20 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Plate-solved runs: the terms, what is named in their rows, frames, and a real solver.
+"""Plate-solved runs: fitted terms, detection of bad rows, frames, and a real solver.
 
     python benchmarks/plate_solved.py [--nights N] [--images N] [--full]
 
-Nights are simulated by rotations (`encoder_sim.mount_geometry`): terms from nothing to a degree,
-some with a wobble of the azimuth bearing that no term holds, 20 to 80 rows in 1 to 6 hours, noise
-of 0.3 to 5 arcsec. `terms`: the same night as readings with the star centred, and as image centres
-two minutes of arc beside it. `named`: of rows made false, copied, double or of another scale those
-that are named as that; `sound rows named`: of all others. `frames`: of places written in another
-frame than the file says those that are refused with the right one, and of right ones those refused.
+Nights are simulated by rotations (`encoder_sim.mount_geometry`): terms from zero to a degree, some
+with an azimuth bearing wobble that no term represents, 20 to 80 rows in 1 to 6 hours, noise of 0.3
+to 5 arcsec. `terms`: the same night as readings with the star centred, and as image centres two
+arcminutes from it. `named`: fraction of rows made false, copied, double or of another scale that
+are recognised as such; `sound rows named`: fraction of all other rows named. `frames`: fraction of
+files in another frame than declared that are refused with the right frame named, and fraction of
+correct files refused.
 
-With `solve-field` and index files installed, `--images` of the catalogue's stars are drawn (400 x
-400 pixels of 60 arcsec) and solved: how far the place is from the true one, in arcsec and in the
-sigma that `telescope-mount solve` gives it; then a night of such images is fitted.
+With `solve-field` and index files installed, `--images` of catalogue stars are drawn (400 x 400
+pixels of 60 arcsec) and solved. Printed: error of the place in arcsec and in the sigma from
+`telescope-mount solve`. Then a night of such images is fitted.
 """
 
 import argparse

@@ -12,18 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model to predict on simulated runs: never worse than the terms, and as sure as it says.
+"""Predictive model on simulated runs: accuracy against the terms alone, and its stated errors.
 
     python benchmarks/prediction.py [--part clean|sure ...] [--runs N] [--first N]
 
-Mounts are an alt-azimuth, an equatorial and a German one; 20 to 200 stars at random above 20
-degrees, a minute each; noise of 1" that is normal, of Student's t (3), of unequal axes,
-or another for each star. `clean`: nothing but the terms; RMS of 200 later stars, by the prediction
-over that by the terms. `sure`: discs off their centre, bearings that wobble, a second flexure (each
-0.5 to 6"), and a zero that drifts, simulated by formulas of their own; the stated standard error of
-a new star, its own noise included, per axis, pooled over all runs: rows left out at random, in
-blocks of time, and later stars of a part of the sky (120 degrees of the first angle) in which no
-row was.
+Mounts are an alt-azimuth, an equatorial and a German one, with 20 to 200 random stars above 20
+degrees, a minute each. The noise is 1": normal, Student's t (3), unequal in the axes, or different
+for each star. `clean`: only the terms; ratio of the RMS of 200 later stars by the prediction to
+that by the terms. `sure`: eccentric discs, bearing wobble, a second flexure (each 0.5 to 6"), and a
+drifting zero, simulated by independent formulas. Tested is the stated standard error of a new star,
+including its noise, per axis, pooled over all runs: for rows held out at random, in blocks of time,
+and for later stars in a part of the sky without rows (120 degrees of the first angle).
 """
 
 import argparse

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Fair timing of what is ours beside what a user would run instead, and how cost grows with size.
+"""Fair timing of our code against what a user would run instead, and scaling of cost with size.
 
-Candidates take turns, so that a machine that is slower for a second is slower for all of them; the
-best of the rounds counts, since noise only adds. Used by `all.py` and by the benchmarks of a part.
+Candidates take turns, so that a temporarily slow machine affects all of them. The best round
+counts, since disturbances only add time. Used by `all.py` and by other benchmarks.
 """
 
 import argparse

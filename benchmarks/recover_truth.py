@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What `recover` says of damaged logs, beside what is gone of them in truth.
+"""Reports of `recover` on damaged logs, compared with the true losses.
 
-Logs of known messages are damaged at random (bytes turned, zeroed, cut out or put in, the end cut
-off; in chunks, heads, message indexes, summary), recovered, and compared:
+Logs of known messages are damaged at random (bytes changed, zeroed, removed or inserted, the end
+cut off; in chunks, headers, message indexes, summary), recovered, and compared:
 
     python benchmarks/recover_truth.py --logs 500
 
-`silent`: messages are gone and it calls the log whole. `wrong`: it says how many, and that is not
-so. `altered`: a message came out that was never written. All three must be 0.
+`silent`: messages are lost but the log is reported complete. `wrong`: the reported number of lost
+messages is wrong. `altered`: a message was recovered that was never written. All three must be 0.
 """
 
 import argparse

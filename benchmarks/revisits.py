@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Places visited again and outliers that lie together: what is found, and how often falsely.
+"""Revisited places and clustered outliers: detection rates and false detections.
 
     python benchmarks/revisits.py [--runs N] [--only PART ...] [--seed N]
 
@@ -21,14 +21,15 @@ steps      two passes of an alt-azimuth and of a German mount over the same sky,
            passes, found and called a step; so too with a restart in the middle of each pass, and
            with an effect of 3 sigma that the terms lack
 white      the same without a step: anything found
-wander     the same with zeros that wander: how often it is called a step
-outliers   80 rows with four of 10 sigma, of one axis and sign, within 3 degrees of a direction or
-           of an azimuth, without and with three strays elsewhere: how often they are told
-accidents  the same with strays alone, clean, with a wander, with an effect that the terms lack
-step38     two passes with a step of -38" between them: RMS of the terms with one zero and with
-           `sessions` told by the data, on halves that the fit did not see
+wander     the same with drifting zeros: how often this is called a step
+outliers   80 rows with four outliers of 10 sigma, of one axis and sign, within 3 degrees of a
+           direction or of an azimuth, with and without three single outliers elsewhere: how often
+           the cluster is reported
+accidents  the same with single outliers only: clean, with drifting zeros, with an unmodelled effect
+step38     two passes with a step of -38" between them: 2-fold cross-validated RMS of the terms with
+           one zero, and with `sessions` found from the data
 
-Noise is 1" an axis; seven terms of 20" are fitted. Whatever is found is what `fit` finds.
+Noise is 1" per axis; seven terms of 20" are fitted. The results are those of `fit`.
 """
 
 import argparse

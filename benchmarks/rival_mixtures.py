@@ -12,17 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bars off their places, noise, unequal pixels and blur: which mixtures paper 001 may have had.
+"""Bar position errors, noise, pixel non-uniformity and blur: which mixtures agree with paper 001?
 
     python benchmarks/rival_mixtures.py [--turns N] [--pitch 48|60] [--seed N]
 
 Paper 001 prints 26.77" for the centroid, 16.93" for the parabola, 4.57" and an R-square of 0.6 to
-0.7 for the sine. Each disturbance alone stands in docs/absolute_encoder.md; here they are mixed:
-for each blur and each error of the bars' places the noise and the inequality of the pixels of a
-grid. A mixture is possible where the true sigma of each method lies within the 95 % that 23
-readings leave about the printed one, and the R-square within what is printed. Printed are, for each
-blur and error of the places, how many mixtures are possible, and the one nearest to the printed
-figures.
+0.7 for the sine. For each disturbance alone see docs/absolute_encoder.md; here they are combined:
+for each blur and bar position error, a grid of noise and pixel non-uniformity. A mixture is
+possible if the sigma of each method is within the 95 % interval of the printed one (from 23
+readings), and R-square within the printed range. Printed, for each blur and position error: the
+number of possible mixtures, and the one nearest to the printed figures.
 """
 
 import argparse

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A second node in the place of another ends, the first one and restarts live: how fast, how sure.
+"""A duplicate node must end itself; the first one and restarted ones must not: time, reliability.
 
     python benchmarks/rivals.py [--times N] [--full]
 
-Real processes in a ROS domain of their own. `--full`: 20 times each, and restarts are watched for
-longer than the lease of a killed one's endpoints (20 s).
+Real processes in a separate ROS domain. `--full`: 20 times each, and restarts are observed for
+longer than the lease of a killed node's endpoints (20 s).
 """
 
 import argparse

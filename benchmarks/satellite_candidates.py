@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What may have left the errors of the paper's satellite check (paper 000, section 3): the causes.
+"""Candidate causes of the errors in the satellite check of paper 000, section 3.
 
 The paper tracked GPS satellite 26690 before and after the zero calibration and prints mean and
-standard deviation of measured minus orbit on each axis. A constant zero moves the means; it can
-neither shrink the scatter from 11.33" to 2.04" nor leave 5.94" and -3.49". A candidate is an error
-of known shape on the sky, per unit of its size; `satellite_search` finds the sizes that give the
-paper's numbers.
+standard deviation of measured minus orbit on each axis. A constant zero shifts the means; it can
+neither reduce the scatter from 11.33" to 2.04" nor leave 5.94" and -3.49". A candidate is an error
+of known shape on the sky, per unit of its size; `satellite_search` finds the sizes that reproduce
+the paper's numbers.
 
-What is assumed, because the paper does not say (`Assumptions`): the azimuth is the coordinate, as
-its table 1 is read here; a curve has as much information as 10 independent samples; the zero
+Assumptions, because the paper does not say (`Assumptions`): azimuth is the coordinate, as in table
+1 as interpreted here; a curve has as much information as 10 independent samples; the zero
 calibration of that night was as good as those of table 1; "before" and "after" may be different
-arcs; noise fills up what a candidate leaves of the scatter.
+arcs; noise accounts for the remaining scatter.
 """
 
 from dataclasses import dataclass

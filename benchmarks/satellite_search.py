@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which causes may have left the errors of the paper's satellite check: the search.
+"""Search for causes of the errors in the paper's satellite check.
 
-Each candidate of `satellite_candidates` is tried along every arc of a pass: which of its sizes
-give the four numbers of "after", which give those of "before", where a zero offset comes on top,
-and which give both, on one arc before and one after. With one size the answer is an interval on
-each arc, in closed form; with two, the two means of "after" fix them up to their tolerance.
+Each candidate of `satellite_candidates` is tried along every arc of a pass: which sizes reproduce
+the four numbers of "after", which those of "before" with an additional zero offset, and which both,
+on one arc before and one after. With one size parameter the result is an interval for each arc, in
+closed form. With two, the two means of "after" determine them within their tolerance.
 """
 
 from dataclasses import dataclass

@@ -16,13 +16,13 @@
 
     OMP_NUM_THREADS=1 python benchmarks/satellite_tracks.py [--trials 100] [--part model,bias,...]
 
-Arcs are of LAGEOS-2 (whole passes above 20 degrees; where one alone is asked, of those that
-culminate above 40), Etalon-2 and GPS (30 minutes each, or a whole pass), a row every 10 s, at
-34.3 N 109 E. Noise of an axis: white 1.4", and 1.4" that remembers over 300 s; an orbit is off by
-20 m RMS along, across and away from the Earth, in each arc another. Whole figures count trials. A
-model is good that is off by at most 1.1 x one without the wrong satellite. The mount has
-seven terms of 100"; the clock is late by 10 ms. Stars: 60 above 20 degrees, white 2". z: error over
-its sigma. The Cramer-Rao bound is that of noise that is known exactly.
+Arcs are of LAGEOS-2 (whole passes above 20 degrees; a single pass culminates above 40), Etalon-2
+and GPS (30 minutes each, or a whole pass), with a row every 10 s, at 34.3 N 109 E. Noise per axis:
+white 1.4", and correlated 1.4" with a correlation time of 300 s. Orbit errors are 20 m RMS along,
+across and radially, different in each arc. Integers count trials. A model is good if its error is
+at most 1.1 x that without the wrong satellite. The mount has seven terms of 100"; the clock is late
+by 10 ms. Stars: 60 above 20 degrees, white 2". z: error over its sigma. The Cramer-Rao bound is for
+exactly known noise.
 """
 
 import argparse

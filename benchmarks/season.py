@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes of a season: how often one is found where there is none, and found where there is one.
+"""Causes of changes over a season: detection rates and false detections.
 
     python benchmarks/season.py [--full] [--arc FOLDER]
 
-Seasons of 30 nights whose terms wander and scatter by sigmas that are drawn anew each time, with a
-temperature that follows the year: without any cause; with scatter that has long tails; with a term
-that follows the temperature; with a step that nobody has declared; with four of one term, of either
-sign, each of which the walk would take for its own. Then, of measured runs, each
-night's terms by the nights before it alone against the last night's and the mean of them.
+Seasons of 30 nights with terms that drift and scatter by random sigmas, and an annual temperature
+cycle: without any cause; with heavy-tailed scatter; with a term that depends on temperature; with
+an undeclared step; with four steps of one term, of either sign, that a random walk could absorb.
+Then, for measured runs, each night's terms are predicted from the nights before it, and compared
+with using those of the last night and the mean of the earlier nights.
 """
 
 import argparse

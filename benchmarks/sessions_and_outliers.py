@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Sessions, outliers and cost of the diagnosis on runs in the shape of measured ones.
+"""Sessions, outliers and cost of the diagnosis on runs that resemble measured ones.
 
     python benchmarks/sessions_and_outliers.py [--full] [--only PART ...] [--seed N]
 
-outliers  nights without any effect and four gross outliers of 20 to 800 arcsec: false effects and
-          false slips, with a graduation declared and without
-slips     nights with three slips of whole lines and one outlier anywhere: told, and rows right
-sessions  nights whose zeros are one, or jump, or jump with the tilt: taken for what they are
-cost      119 runs of 50 rows (ARC 3.5 m), 1108 rows in 29 sessions (IRAM 30 m), by the command in
-          a process of its own: CPU seconds, MB, and what was claimed
+outliers  nights without effects but with four gross outliers of 20 to 800 arcsec: false effects and
+          false slips, with and without a declared graduation
+slips     nights with three slips of whole lines and one outlier: slips reported, with correct rows
+sessions  nights with constant zeros, jumping zeros, or zeros and tilt that jump: classified as such
+cost      119 runs of 50 rows (ARC 3.5 m), 1108 rows in 29 sessions (IRAM 30 m), by the command in a
+          separate process: CPU seconds, MB, and claimed effects
 
-`--full` runs the sizes at which the limits are stated.
+`--full` runs the sizes for which the limits are stated.
 """
 
 import argparse

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nights of the simulated mounts through geometry and camera alone: are the terms fitted, is what
-nobody declared named?
+"""Nights of the simulated mounts, only geometry and camera: are the terms recovered, are undeclared
+effects identified?
 
     python benchmarks/simulated_mounts.py [--nights N] [--stars N] [--full] [--verbose]
 
-The simulator's rotations and its camera (1" of noise, a scale and a rotation of its own) measure
-stars of the catalogue that a blind mount misses by minutes of arc; encoders are perfect here but
-for the worm of `german_worm`, so that what is judged is the mount. The readings that would have
-centred the stars make a run, which is fitted and diagnosed as any. A German mount observes the east
-through its pole, and near the meridian either side. `--full` runs 100 nights of each
-scenario (some minutes of CPU).
+The simulator's rotations and its camera (1" of noise, with scale and rotation errors) measure
+catalogue stars that an uncorrected mount misses by arcminutes. Encoders are perfect, except for the
+worm of `german_worm`, so that only the mount is tested. The readings that would have centred the
+stars form a run, which is fitted and diagnosed like any other. A German mount observes the east
+through its pole, and near the meridian from either side. `--full` runs 100 nights of each scenario
+(some minutes of CPU).
 """
 
 import argparse

@@ -12,16 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Targets beside skylines with walls, steps and spikes, judged by a polygon test of its own.
+"""Targets near skylines with walls, steps and spikes, checked by an independent polygon test.
 
     python benchmarks/skylines.py [--targets N] [--seed N]
 
 Random skylines: corners, walls, spikes without width, several corners at one azimuth, no gap wider
-than 265 degrees. They are written down as people do: from any corner on, in either direction,
-azimuths of 360 for 0 or below 0, the first corner once more at the end. The guard judges a mount at
-rest and one that follows a star, the observer chooses by the same limits; both are held against
-whether the target lies in the polygon of the corners and the ground, by the crossings of a ray.
-Targets that are nearer to the polygon than 0.05 degrees are drawn anew.
+than 265 degrees. They are written as users do: starting at any corner, in either direction, with
+azimuths of 360 for 0 or below 0, with the first corner repeated at the end. The guard checks a
+mount at rest and one that tracks a star; the observer selects with the same limits. Both are
+compared with a ray-crossing test of whether the target lies in the polygon of corners and ground.
+Targets within 0.05 degrees of the polygon are redrawn.
 """
 
 import argparse

@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Exposures on a mount that swings: how much of it is in the offsets?
+"""Exposures on a mount that oscillates: how much of the oscillation is in the offsets?
 
     python benchmarks/soft_mount.py              # three seeds
     python benchmarks/soft_mount.py --full       # ten seeds, and other mounts beside
 
-The observer's own sequencer on a mount, an encoder at 20 Hz and a camera in this process, on a
-clock of their own. Each axis is a spring on its drive. Exposures follow each other, and an image
-is the mean of what the star did; noise 1" an axis, so 1.41" radial. The rows are written as a log
-and verified to the bit.
+The observer's sequencer with a mount, an encoder at 20 Hz and a camera in this process, on a
+simulated clock. Each axis is a spring on its drive. Exposures follow each other, and an image shows
+the mean position of the star; noise 1" per axis, so 1.41" radial. The rows are written as a log and
+verified to the bit.
 """
 
 import argparse

@@ -12,27 +12,27 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A night ended by signals, however it was started: is all gone, is the log whole?
+"""A night ended by signals, for each way to start it: do all processes end, is the log complete?
 
     python benchmarks/stops.py [--times N] [--seed N] [--ways command,executables,run,launch]
 
-Each row is a way to start and a signal, or one that comes twice, sent so many times at moments that
-are drawn from 0 to the end of a night: of the command as it was timed before, of others as much
-longer as they take (`LONGER`), where some moments find the plan done and the nodes still there.
+Each row is a way to start and a signal, sent once or twice, `--times` times at random moments from
+0 to the end of a night. The duration is that of the command as timed before; for the other ways it
+is longer (`LONGER`), so at some moments the plan is done but the nodes are still running.
 
-- command: `telescope-mount night`, as installed; it alone gets the signal;
-- executables: the nodes of a night, each the installed executable that `ros2 run` starts, all of
-  which get the signal, as from `systemctl stop` or a terminal;
-- run: the same under `ros2 run`, which alone get the signal; of Ctrl-C see `Started.send`;
-- launch: `ros2 launch telescope_mount night.launch.py`, which alone gets the signal.
+- command: `telescope-mount night`, as installed; only it gets the signal;
+- executables: the nodes of a night, each the installed executable that `ros2 run` starts; all get
+  the signal, as from `systemctl stop` or a terminal;
+- run: the same under `ros2 run`; only these get the signal; for Ctrl-C see `Started.send`;
+- launch: `ros2 launch telescope_mount night.launch.py`; only it gets the signal.
 
-The last two need `ros2` on the PATH and the package in AMENT_PREFIX_PATH, else they are left out;
-where the package is there its executables are taken, else those beside this Python.
+The last two need `ros2` on the PATH and the package in AMENT_PREFIX_PATH, else they are skipped.
+Executables are those of the package if it is there, else those beside this Python.
 
-A log, where it was begun, must be one that `telescope-mount info` calls whole. No process may be
-left, nothing in `/dev/shm`, and no traceback of ours in the output. `telescope-mount night` must
-say one line and end with 128 and the signal's number, or 0 where it was done. What ends while the
-interpreter starts, before it runs a line of the package, is counted apart ("early").
+A log that was begun must be complete according to `telescope-mount info`. No process may be left,
+nothing in `/dev/shm`, and no traceback of ours in the output. `telescope-mount night` must print
+one line and exit with 128 plus the signal's number, or 0 if it was done. Processes that end while
+the interpreter starts, before running code of the package, are counted separately ("early").
 """
 
 import argparse

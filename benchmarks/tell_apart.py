@@ -12,17 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Causes that a short run leaves open, told apart by stars that are asked for.
+"""Ambiguous causes of a short run, distinguished by additional, specifically requested stars.
 
     python benchmarks/tell_apart.py [--nights N] [--stars N] [--hours H] [--full] [--seed N]
                                     [--only NAME ...]
 
-Sixteen mounts with one effect by a rule of its own. A first run of 20 stars, 80 s apart, 1" of
-noise an axis, of a size that shows the effect and not which; only runs count whose verdict is
-`ambiguous`. Then stars are asked for, and the nearest star of a catalogue is taken (within some 2
-degrees), until one cause is left or nothing more can be told. Beside it the same number of stars
-anywhere over the sky, judged in the same way after each. A night that ends in "cannot be told from
-here" is asked on to the last star in spite of it: told then, the answer was given up too early.
+Sixteen mounts with one effect each, by independent formulas. The first run has 20 stars, 80 s
+apart, 1" of noise per axis, and an effect large enough to be detected but not identified; only runs
+with the verdict `ambiguous` count. Then stars are requested, and the nearest catalogue star is
+observed (within about 2 degrees), until one cause is left or no further star can decide. For
+comparison, the same number of stars anywhere on the sky, evaluated in the same way after each. If
+the result is "cannot be told from here", observation continues to the last star: if a cause is then
+identified, the search was given up too early.
 """
 
 import argparse

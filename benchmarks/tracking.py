@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A model that follows the mount, against truth and against simpler ways.
+"""Adaptive pointing model compared with the truth and with simpler methods.
 
     python benchmarks/tracking.py [--nights N] [--only PART] [--full]
 
-Parts: ``errors`` (mean radial true error between the stars, against (a) the model of the evening,
+Parts: ``errors`` (mean radial true error between the stars, compared with (a) the evening's model,
 (b) a refit of all stars so far, (c) a filter that knows rates and jump times, (d) both zeros reset
-on the last star; its innovations; the error it expects), ``jumps``, ``other`` (nights that are not
-what the filter assumes), ``speed``. `--full`: 200 nights of each rate, 1000 quiet nights.
+on the last star; its innovations; its expected error), ``jumps``, ``other`` (nights that violate
+the filter's assumptions), ``speed``. `--full`: 200 nights of each rate, 1000 quiet nights.
 
-Nights of 8 h with a star in 10 minutes anywhere above 20 degrees; the tilt wanders a fifth as fast
-as the zeros; evening models of 40 stars. The noise of a star is 1.0" in each of x and y, that of
-the project's simulated camera; `--noise` takes another, `--sky elevation` other places.
+Nights of 8 h with a star every 10 minutes anywhere above 20 degrees. The tilt drifts a fifth as
+fast as the zeros; evening models have 40 stars. The noise of a star is 1.0" in each of x and y, as
+for the project's simulated camera; `--noise` sets another, `--sky elevation` other places.
 """
 
 import argparse

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nights of a mount that wanders and jumps, for `tracking.py`: truth, stars, and what is compared.
+"""Nights of a mount that drifts and jumps, for `tracking.py`: truth, stars, compared methods.
 
-Offsets are of exact rotations, not of the filter's columns.
+Offsets are from exact rotations, not from the filter's columns.
 """
 
 from dataclasses import dataclass, field

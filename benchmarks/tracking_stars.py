@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which star next, what a night begins with, the night in hindsight, rates of earlier nights.
+"""Adaptive model: choice of stars, start of a night, smoothing, rates from earlier nights.
 
     python benchmarks/tracking_stars.py [--nights N] [--only PART] [--full] [--data FOLDER]
 
-Parts: ``hold`` (pointing held below 1.5" radial, stars chosen against stars in raster order),
-``begin`` (what has happened since the last run, by five stars), ``hindsight``, ``rates`` (learned
-from earlier nights), ``walks`` and ``real`` (measured telescopes), ``arc`` (five stars of real
-runs with those before, FOLDER/arc35m).
+Parts: ``hold`` (pointing kept below 1.5" radial; chosen stars compared with stars in raster order),
+``begin`` (changes since the last run, from five stars), ``hindsight``, ``rates`` (learned from
+earlier nights), ``walks`` and ``real`` (measured telescopes), ``arc`` (five stars of real runs with
+those before, FOLDER/arc35m).
 
-Slews: both axes at once at 2 deg/s, 1 deg/s^2, 3 s to settle, 10 s for exposure and readout; from
-a target to the star and on from it, targets anywhere, another one every 20 minutes. `--full`: 60
-nights of ``hold``, 400 beginnings of each kind, 100 nights of the others.
+Slews: both axes together at 2 deg/s, 1 deg/s^2, 3 s to settle, 10 s for exposure and readout; from
+a target to the star and to the next target; targets anywhere, a new one every 20 minutes. `--full`:
+60 nights of ``hold``, 400 beginnings of each kind, 100 nights of the others.
 """
 
 import argparse

@@ -12,20 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nights whose counts wander, without ROS: does the loop ever make pointing worse?
+"""Nights with encoder miscounts, without ROS: does closing the loop ever make pointing worse?
 
     python benchmarks/wandering_counts.py                # a few seeds
     python benchmarks/wandering_counts.py --full         # 20 seeds of each kind, 120 nights
     python benchmarks/wandering_counts.py --clean 300    # false alarms of the cross-check as well
-    python benchmarks/wandering_counts.py --alone        # no absolute encoder: the judges alone
+    python benchmarks/wandering_counts.py --alone        # no absolute encoder: only the blind stars
 
-Scenario `default`, with `miscounts` (wrong counts in a million passed) of 10, 30 and 100 on either
-axis, and none. A night is that of `close-the-loop`: 90 stars, 16 exposures of Polaris, a fit, 30
-blind stars, a diagnosis, 30 blind stars, which judge it; here 110 more come after it. The stars,
-their order and the slews between them are those of the observer, encoders, mount and camera those
-of `encoder_sim`, the calibration is the one of the graph. The model that was published last and
-the one of the fit, which it replaced, are judged on the same 110 stars, each with the zero that
-was known before the mount was sent there: what it follows is what the star before had shown.
+Scenario `default`, with `miscounts` (wrong counts per million) of 10, 30 and 100 on either axis,
+and none. A night is that of `close-the-loop`: 90 stars, 16 exposures of Polaris, a fit, 30 blind
+stars, a diagnosis, 30 blind stars that validate it; here 110 more follow. Stars, their order and
+the slews are those of the observer; encoders, mount and camera are those of `encoder_sim`; the
+calibration is that of the graph. The last published model and the fit that it replaced are compared
+on the same 110 stars, each with the zero known before the mount was sent there, so a correction for
+drift is that from the star before.
 """
 
 import argparse

@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Nights whose rows resemble each other: false effects, what is found beside, the error expected.
+"""Nights with correlated noise: false effects, detected effects, and the expected error.
 
     python benchmarks/wandering_nights.py [--nights N] [--trials N] [--full] [--seed N]
                                           [--only PART ...]
 
-Rows correlated from row to row (AR(1), rho), a random walk of 0.3" a row beside white noise of 1",
-each of the stars measured twice within seconds, noise that grows over the night fourfold, four
-gross outliers. Beside each figure is the same search with rows taken to have no memory. `--full`
-runs the sizes at which the targets are stated (hours of CPU).
+Noise correlated from row to row (AR(1), rho), a random walk of 0.3" per row plus white noise of 1",
+each star measured twice within seconds, noise that grows fourfold during the night, four gross
+outliers. Each figure is compared with the same search assuming white noise. `--full` runs the sizes
+for which the targets are stated (hours of CPU).
 """
 
 import argparse

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the zeros of the power-ons follow: found, falsely found, and how well tonight's is known.
+"""Causes of zero changes between power-ons: detection, false detection, accuracy of predictions.
 
     python benchmarks/zero_causes.py [--seasons N] [--nights N] [--full] [--seed N]
 
-Seasons of eleven nights, zeros and drivers without ROS: temperature and supply, and two decoys, the
-time since the last power-on and the side of the mark. All are measured with noise (0.1 degC, 5 mV,
-0.3" of a zero). `--full`: 1000 seasons of each kind.
+Seasons of eleven nights, without ROS. The drivers are temperature and supply voltage, and two
+decoys: the time since the last power-on and the side of the mark. All are measured with noise (0.1
+degC, 5 mV, 0.3" for a zero). `--full`: 1000 seasons of each kind.
 """
 
 import argparse

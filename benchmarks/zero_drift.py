@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Many nights without ROS: the zero by Polaris against the true one, and the cross-check.
+"""Many nights without ROS: error of the zero from Polaris, and the encoder cross-check.
 
     python benchmarks/zero_drift.py --nights 1000 --faults 200
-    python benchmarks/zero_drift.py --causes       # who moved in a jump: see `jump_causes`
+    python benchmarks/zero_drift.py --causes       # causes of jumps: see `jump_causes`
     python benchmarks/zero_drift.py --quiet        # false alarms, also of noise that is not white
     python benchmarks/zero_drift.py --causes --quiet --full    # 500 nights of each, 1000 quiet
 
-A pair of nights a seed, with a power-on each: 30 stars, 16 exposures of Polaris, 30 stars, star
-noise 1" an axis; mount, incremental encoder (scenario `default`: 20" of drift a power-on) and
-homing as `encoder_sim` simulates them, the absolute encoder as its disc, its drift and the noise of
-its reading. The first night is the reference of the second, in which the faults happen.
+Two nights per seed, with a power-on each: 30 stars, 16 exposures of Polaris, 30 stars, star noise
+1" per axis. Mount, incremental encoder (scenario `default`: 20" of drift per power-on) and homing
+are those of `encoder_sim`; the absolute encoder has the errors of its disc, drift and reading
+noise. The first night is the reference for the second, in which the faults happen.
 """
 
 import argparse

@@ -12,17 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The zero from exposures of chosen stars, at any latitude, against Polaris at +34 degrees.
+"""The zero from exposures of chosen stars, at any latitude, compared with Polaris at +34 degrees.
 
     python benchmarks/zero_on_stars.py [--dates N] [--seeds N] [--full] [--seed N] [--only PART ...]
 
-What is held is a model of 30 stars of the night before (seven terms fitted to them, noise 1" an
-axis), with its covariance; tonight's zero is another one. Each date and hour has its own choice of
-stars, each seed its own mount, night before and noise. Exposures are 8 s apart, 30 s where the next
-star is another one. The peer is the zero by 16 exposures of Polaris of an alt-azimuth mount at
-+34.3 degrees with a model of the same kind, everything else alike. `sigma` is by covariance (RMS
-over the cases), `error` the RMS of the true error, `error/sigma` its RMS in units of each case's
-own sigma; `slew` the degrees that the axes slew in all. `--full`: 4 dates, 3 hours, 100 seeds.
+The model, with its covariance, is a fit of seven terms to 30 stars of the night before (noise 1"
+per axis); tonight's zero is different. Each date and hour has its own choice of stars, each seed
+its own mount, earlier night and noise. Exposures are 8 s apart, or 30 s with a change of star. The
+peer is the zero from 16 exposures of Polaris with an alt-azimuth mount at +34.3 degrees and a model
+of the same kind, everything else equal. `sigma` is from the covariance (RMS over the cases),
+`error` the RMS of the true error, `error/sigma` its RMS in units of each case's sigma, `slew` the
+total motion of the axes in degrees. `--full`: 4 dates, 3 hours, 100 seeds.
 """
 
 import argparse
