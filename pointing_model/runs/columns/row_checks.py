@@ -34,9 +34,7 @@ _TURN = 2.0 * np.pi
 _QUARTER = ELEVATION_LIMITS[1] * DEG
 _AIR = {'temperature': AIR['temperature_c'], 'pressure': AIR['pressure_hpa']}
 _KELVIN = (230.0, 330.0)
-#: fill values that programs and sensors write for "not measured", besides nines; and the least
-#: number of other values in a column of measurements
-_FILL, _MEASURED = (0.0, -1.0, 85.0, -127.0, 32767.0, -32768.0, 65535.0), 5
+_MEASURED = 5  # smallest number of values in a column of measurements
 _NEARBY = 3600.0  # s: within this time the air hardly changes
 _WRITTEN = 20_000  # rows kept as the file has them
 _NAMED = 5  # for up to this many rows that have copies, each copy is listed with its line
@@ -260,19 +258,16 @@ def blank_absurd(table):
 def _fill(table, name, values):
     """Rows with a fill value, and a text that describes it.
 
-    A fill value is farther from the other values than their range. It is all nines (-99, 999.9), or
-    it is one of `_FILL` and occurs more than once beside measurements.
+    A fill value is all nines (-99, 999.9), and farther from the other values than their range.
     """
-    sound = (table.reasons == 0) & np.isfinite(values)
-    there = np.unique(values[sound])
-    for fill, others in ((there[:1], there[1:]), (there[-1:], there[:-1])):
-        if len(others) and np.abs(fill - others).min() > np.ptp(others):
-            rows = sound & (values == fill)
-            digits = f'{abs(fill[0]):g}'.replace('.', '')
-            if (digits.startswith('99') and not digits.strip('9')) or (
-                    fill[0] in _FILL and len(others) >= _MEASURED and rows.sum() > 1):
-                return rows, (f'{table.label(name)} is {fill[0]:g} (the others {others[0]:.3g} to '
-                              f'{others[-1]:.3g})')
+    sound = table.reasons == 0
+    there = np.unique(values[sound & np.isfinite(values)])
+    for fill in (*there[:1], *there[-1:]):
+        others, digits = there[there != fill], f'{abs(fill):g}'.replace('.', '')
+        if digits.startswith('99') and not digits.strip('9') and len(others) and (
+                np.abs(fill - others).min() > np.ptp(others)):
+            return sound & (values == fill), (f'{table.label(name)} is {fill:g} (the others '
+                                              f'{others[0]:.3g} to {others[-1]:.3g})')
     return np.zeros(len(values), bool), ''
 
 

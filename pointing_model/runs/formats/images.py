@@ -101,11 +101,10 @@ def one_image(header, mapping, solve=True):
     row, missing = {}, []
     try:
         row, missing = row_of(header, mapping)
-        lacking = [name for name in mapping.needed if name not in row]
+        needed = (*mapping.needed, 'exposure_s') if mapping.shift else mapping.needed
+        lacking = [name for name in needed if name not in row]
         if lacking:
             return row, f'no keyword {", ".join(missing)} for {", ".join(lacking)}', missing
-        if mapping.shift and 'exposure_s' not in row:
-            return row, f'no keyword {", ".join(missing)} for exposure_s', missing
         if solve:
             found = solution_of(header, mapping.boresight)._asdict()
             row.update(found)

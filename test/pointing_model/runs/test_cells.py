@@ -104,7 +104,7 @@ def test_a_bad_cell_of_a_column_of_ones_own_is_unknown(read):
 
 
 @pytest.mark.parametrize('name, fill', [
-    ('humidity', '-999'), ('humidity', '999.9'), ('humidity', '32767'), ('temperature_c', '-99'),
+    ('humidity', '-999'), ('humidity', '999.9'), ('temperature_c', '-99'),
     ('temperature_c', '85'), ('pressure_hpa', '999')])
 def test_a_number_that_stands_for_none_is_interpolated(read, name, fill):
     first = {'pressure_hpa': 700}.get(name, 11)
