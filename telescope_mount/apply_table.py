@@ -76,8 +76,8 @@ def apply_to_table(model, args):
     columns, notes = _drivers(table, cells, pair, places, args)
     notes += [*more, *declared['notes']]
     if not of_sky and (args.equinox != 'auto' or given_air(args)):
-        raise ValueError(f'{table.path}: --equinox, --pressure and --temperature are of ra_deg, '
-                         'dec_deg, which are not taken here; leave them out')
+        raise ValueError(f'{table.path}: --equinox, --pressure and --temperature apply to '
+                         'ra_deg, dec_deg, which are not used here; leave them out')
     az, el = (_angles(table, column, cells) for column in pair)
     if of_sky:
         check_sky(table, az, el, cells)
@@ -109,7 +109,7 @@ def apply_to_table(model, args):
     bad = ~np.isfinite(out).all(axis=0) & used
     out[:, ~used] = np.nan
     if bad.any():
-        notes.append('the mount cannot look there, nearer to its zenith than its axes allow: '
+        notes.append('directions that the axes cannot reach, too near the zenith of the mount: '
                      f'cells left empty in {_rows(lines[bad])}')
     seen = used & ~bad
     at = np.array([az, el])[:, seen] if not args.reverse else out[:, seen]
@@ -117,16 +117,16 @@ def apply_to_table(model, args):
     # first axis: its catalogue place, or its reading
     up = (np.mod(az, 360.0) > 180.0) & used & (model.mount.two_sided)
     if up.any():
-        notes.append(f'the counterweight is up in {_rows(lines[up])}: with it down the mount looks '
-                     'there through the pole, at hour angle + 180, 180 - declination')
+        notes.append(f'counterweight up in {_rows(lines[up])}; with it down the same place is '
+                     'through the pole, at hour angle + 180, 180 - declination')
     if folded.any():
-        notes.append(f'{int(folded.sum())} of {len(folded)} rows are through the pole, as '
-                     'pier_side says: angles are places of the sky on either side')
+        notes.append(f'{int(folded.sum())} of {len(folded)} rows are through the pole (pier_side): '
+                     'their angles are written as places on the sky, as on the other side')
         out = np.array(through_pole(*(out * DEG), folded)) / DEG
     names = places if args.reverse else readings
     if set(names) & set(header):
         names = tuple(f'{n.removesuffix("_deg")}_model_deg' for n in names)
-        notes.append(f'the file has angles of that side already: those of the model are in '
+        notes.append(f'the file already has these columns; the converted angles are in '
                      f'{", ".join(names)}')
     if of_sky:  # angles of a perfect mount, in front of those of this one
         names = (*(f'{n.removesuffix("_deg")}_observed_deg' for n in places), *names)
@@ -242,8 +242,8 @@ def _zero_notes(model, applied, run, wanted):
     more = f', ... ({len(applied)} runs)' if len(applied) > 6 else ''
     notes = [f'zero applied, {zeros}{more}']
     if KEY in model.provenance:
-        notes.append('the zero of this model follows the absolute encoder; here it stands where it '
-                     'was set')
+        notes.append('in the night the absolute encoder tracks the zero of this model; here the '
+                     'zero is used as it was set')
     return notes
 
 
@@ -282,10 +282,10 @@ def _open(model, places, lines):
     where = _rows(lines[rows])
     names = (*model.undetermined, *model.undetermined_harmonics)
     if names:
-        return [f'the prediction is of unknown error in {where}: it rests on terms that the stars '
-                f'of the fit did not determine ({", ".join(names)})']
-    return [f'the prediction is of unknown error in {where}: no row of the fit is on this side of '
-            'the pier']
+        return [f'prediction error unknown in {where}: the stars of the fit do not determine the '
+                f'terms {", ".join(names)}']
+    return [f'prediction error unknown in {where}: no row of the fit was on this side '
+            'of the pier']
 
 
 def _rows(lines, limit=20):
@@ -357,8 +357,8 @@ def observed(model, ra, dec, columns, cells, used, args, declared, notes):
                      'hours?')
     frame = EQUINOXES.get(args.equinox) or declared.get('sky_frame', ICRS)
     if frame != declared.get('sky_frame', frame):
-        notes.append(f'the table says that its places are {declared["sky_frame"].text}, they were '
-                     f'read as {frame.text}')
+        notes.append(f'places read as {frame.text}, although the table declares '
+                     f'{declared["sky_frame"].text}')
     ra, dec = (np.degrees(v) for v in to_icrs(ra * DEG, dec * DEG, frame, time))
     found = axis_angles(model, ra, dec, time, **how)
     if not (model.mount.two_sided and 'pier_side' in cells):

@@ -144,8 +144,8 @@ class BoltWatch:
         """Expected direction at these readings with untouched bolts; the image; its sigma."""
         if self.model is None:
             if abs(wrap(image.second - self._reference.second)) > AT_REST:
-                raise ValueError('the declination axis moved since the three images: leave it, or '
-                                 'give a model')
+                raise ValueError('the declination axis moved since the three images: do not '
+                                 'move it, or give a model')
             return (expected(self._reference, self.axis, image.first, self.latitude), image,
                     self._reference.sigma)
         seen = self.model.encoder_to_sky(image.first, image.second)

@@ -135,14 +135,14 @@ def come_to_rest(watcher, plan, note):
             return rest.at_rest or rest.unknown or time.monotonic() - last[0] > SILENT
 
         if not watcher.spin_until(over, NOTED):
-            note('waiting until the mount stands; Ctrl-C ends at once')
+            note('waiting for the mount to stop; Ctrl-C ends at once')
             watcher.spin_until(over, STOPPED)
         if rest.unknown:
-            note('where the axes are is not known: a driver that homes the mount goes on until it '
-                 'has done so; look at the mount')
+            note('positions of the axes unknown: a driver that is homing the mount goes on until '
+                 'it is done; check the mount')
         elif not rest.at_rest:
-            note('whether the mount stands is not known: look at it; ' + (
-                'its encoders are silent' if over() else f'it has moved for {STOPPED:g} s'))
+            note('check the mount, it may still move: ' + (
+                'no encoder readings' if over() else f'moving for {STOPPED:g} s already'))
     finally:
         watcher.node.destroy_subscription(subscription)
 

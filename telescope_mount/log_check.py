@@ -86,15 +86,15 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     back = began_anew(log)
     if back:
         raise ValueError(
-            f'{bag}: time went back at {at_time(back[0][0])} to {at_time(back[0][1])}: a simulator '
-            f'or replay was started anew, and {len(back) + 1} parts have the same time. Start the '
-            'whole graph anew, in another folder')
+            f'{bag}: time jumps back from {at_time(back[0][0])} to {at_time(back[0][1])}: a '
+            f'simulator or replay was restarted, and {len(back) + 1} parts overlap. Restart '
+            'the whole graph, with another folder')
     check = LogComparison()
     rows = _read(log, prefix, check)
     parameters = parameters_of(log.metadata, f'{prefix}calibration') or {}
     if not parameters:
-        check.unchecked.append('no parameters of the calibration in the log: its '
-                               'defaults are taken, and all power-ons kept (see --seed, '
+        check.unchecked.append('no parameters of the calibration in the log: '
+                               'defaults used, all power-ons kept (see --seed, '
                                '--reference)')
     declared = declared_by(parameters, check.unchecked)
     for part in (*rows.observations.values(), *rows.tables.values()):
@@ -105,7 +105,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
             state.season.update_marks(homings(0))
     _calibrate(rows, state, parameters, check, *([progress] if progress else []))
     if not check.checked:
-        raise ValueError(f'{bag} has nothing derived in it that could be verified')
+        raise ValueError(f'{bag} has no results to verify')
     check.unchecked += log.problems
     return {'checked': dict(check.checked), 'rounded': check.rounded,
             'differences': check.differences,
@@ -182,8 +182,8 @@ def _state(log, parameters, reference, seed, rows):
         elif Path(parameters['model_file']).is_file():
             model = PointingModel.load(parameters['model_file'])
         else:
-            raise ValueError(f'the night had the reference model {parameters["model_file"]}, '
-                             'which is not there: give it with --reference')
+            raise ValueError(f'reference model of the night not found: '
+                             f'{parameters["model_file"]}; give it with --reference')
     reports = rows.published['calibration/report']
     if not parameters and reports:
         parameters = choice_of_report(_document(reports[-1][1].data)).parameters()
@@ -201,7 +201,7 @@ def _calibrate(rows, state, parameters, check, progress=lambda *_: None):
         try:
             stamp = json.loads(data.data)['provenance'].get('last_stamp_ns', 0)
         except (ValueError, KeyError, AttributeError, TypeError):
-            check.unchecked.append('a model that is no document of ours')
+            check.unchecked.append('model skipped: not a model of telescope-mount')
             continue
         models.setdefault(stamp, []).append((log_time, data.data))
     replay = _Replay(state, rows, parameters, check)
@@ -245,7 +245,7 @@ class _Replay:
         """Zeros by Polaris first, then fits, then diagnoses, each with its zero."""
         if self.state.last_stamp != stamp:
             self._check.unchecked.append(
-                f'what was derived at {at_time(stamp)}: its observation is not in the log')
+                f'results at {at_time(stamp)}: their observation is not in the log')
             return
         made = models[sum(self._is_dated_reference(text) for _, text in models):]
         calibrated = max(0, len(zeros) - len(made))
@@ -307,7 +307,7 @@ class _Replay:
             tried = first
         self.state, model, report = tried
         if logged is None:
-            self._check.unchecked.append(f'report of {at_time(stamp)}: it is not in the log')
+            self._check.unchecked.append(f'report of {at_time(stamp)}: not in the log')
         else:
             self._check.compare('report', logged, report, at_time(stamp))
         return model

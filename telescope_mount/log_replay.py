@@ -82,7 +82,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     if count == 0:
         raise ValueError(f'{log} has no observation in it; it is no log of a night')
     newer = _newer(bag, observation)
-    notes = [f'{count - newer} of {count} observations are there twice: each counts once'
+    notes = [f'{count - newer} of {count} observations are duplicates: each counts once'
              ] if newer < count else []
     had_zero = bool(counts[f'{prefix}{topics.ZERO.name}']) and _has_exposures(bag, observation)
     diagnosed = _last(bag, f'{prefix}{topics.DIAGNOSIS.name}')

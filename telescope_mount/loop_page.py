@@ -102,7 +102,7 @@ def write_loop_page(folder, report, run):
             ('run', report['source']), ('seed', str(report['seed'])), ('plan', report['plan']),
             ('site', site_text(params))], [folder / name for name in _FILES])]
     write_text(folder / 'page.html', whole(
-        f'The loop closed: {what}', body, 'A pointing model that was mended and tried'))
+        f'The loop closed: {what}', body, 'A pointing model, corrected and tested'))
 
 
 def _bars(report):
@@ -165,7 +165,7 @@ def write_all_page(folder, report):
         page.Heading('The loop closed'),
         page.Paragraph(f'{total} scenarios, seed {report["seed"]}', 'meta'),
         page.VerdictSection(
-            f'In {good} of {total} scenarios what was wrong was found, or rightly nothing',
+            f'Correct result in {good} of {total} scenarios: error found, or rightly none',
             kind='' if good == total else 'alarm'),
         page.Section('Each scenario', page.Table(
             ('scenario', 'verdict', 'effects added', 'found', 'before ″', 'after ″', 'floor ″'),
@@ -173,5 +173,5 @@ def write_all_page(folder, report):
             'on the sky, arcsec.'),
         page.Section('Before and after', page.BarChart(bars)),
         provenance_section([('seed', str(report['seed']))], [folder / 'report.json'])],
-        'Pointing models that were mended and tried')
+        'Pointing models, corrected and tested')
     write_text(folder / 'page.html', text)

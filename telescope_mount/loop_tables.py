@@ -106,7 +106,7 @@ def _effects(report):
 
 
 def _follows(axis):
-    return f'zero of the {axis} encoder: follows the absolute encoder'
+    return f'zero of the {axis} encoder: tracked by the absolute encoder'
 
 
 def _errors(report):
@@ -126,7 +126,7 @@ def _errors(report):
         check = report[f'blind_{when}']
         if check is not None:
             count = f'{check["stars"]}' + (f' + {check["lost"]} lost' if check['lost'] else '')
-            table.add_row(f'other stars each, pointed blind, {when}', *_rms(check), count)
+            table.add_row(f'different stars, pointed blind, {when}', *_rms(check), count)
     table.add_row('noise floor', '', '', decimals(report['noise_floor_arcsec']), '')
     return table
 
@@ -147,9 +147,9 @@ def loop_sentences(report):
     drive = report.get('drive')
     if drive and drive['rms_arcsec'] ** 2 > _DRIVE * drive['missed_arcsec'] ** 2:
         first, second = kind_of(report).axes
-        out.append(f'fresh stars: {drive["missed_arcsec"]:.2f} arcsec RMS, of which '
-                   f'{drive["rms_arcsec"]:.2f} is the drive ({first} {drive["rms_x_arcsec"]:.2f}, '
-                   f'{second} {drive["rms_y_arcsec"]:.2f}, by the encoders). No model removes it: '
+        out.append(f'fresh stars: {drive["missed_arcsec"]:.2f} arcsec RMS; drive error by '
+                   f'the encoders {drive["rms_arcsec"]:.2f} ({first} {drive["rms_x_arcsec"]:.2f}, '
+                   f'{second} {drive["rms_y_arcsec"]:.2f}). No model removes it: '
                    'check servo, friction and wind')
     scenario = report.get('undeclared')
     if scenario:

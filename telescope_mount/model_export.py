@@ -112,11 +112,11 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     """
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
-        raise ValueError(f'{path} would be written over the model it is made from')
+        raise ValueError(f'{path} is the input model itself; name another output file')
     ours = path.suffix.lower() in ('.json', '.yaml', '.yml')
     if ours is not (to == MODEL):
-        raise ValueError(f'{path}: a name ending in .json or .yaml is a model of ours (--to '
-                         f'{MODEL}), and that of no other program')
+        raise ValueError(f'{path}: .json and .yaml are the suffixes of --to {MODEL} '
+                         'and of no other program')
     loaded = read_model(source, mount or ALTAZ)
     model, remarks = _with_zero(loaded.model, zero)
     notes = [*loaded.notes, *remarks, *_open_notes(model)]
@@ -145,14 +145,14 @@ def _beyond(model, program, side):
     if not (mount.two_sided and program.for_mount is not None
             and program.for_mount(mount).one_sided):
         if side:
-            raise ValueError(f'--side {side}: models of {program.title} need none of this mount; '
-                             'leave it out')
+            raise ValueError(f'--side {side}: does not apply to {program.title} models of this '
+                             'mount; leave it out')
         return None, []
     if side is None and model.sides is not None and 0 in model.sides:
         side = 'east' if model.sides[0] else 'west'
     if side:
-        return side == 'west', [f'the file is of the {side} side of the pier alone: on the other '
-                                'side load that of the other']
+        return side == 'west', [f'the file is valid on the {side} side of the pier only: '
+                                'load another file on the other side']
     if mount.on_sky:
         return None, []
     # terms whose effect changes with the side
@@ -164,11 +164,11 @@ def _beyond(model, program, side):
              if name != 'ID' and not abs(value) <= error]
     if large:
         raise ValueError(
-            f'{program.title} has no side of the pier, one CH and no NP, but here '
-            f'{", ".join(named[name] for name in large)}. Write a file of each side (--side east, '
-            '--side west), or correct by the bridge of this project (docs/indi.md)')
-    return None, ['of both sides: CH and NP are within one sigma of zero'
-                  + (f'; {named["ID"]}, which turns over with the side too: set that zero on a star'
+            f'{program.title} models have no pier side, one CH and no NP, but here '
+            f'{", ".join(named[name] for name in large)}. Write one file per side (--side east, '
+            '--side west), or correct with the INDI bridge of telescope-mount (docs/indi.md)')
+    return None, ['valid on both pier sides: CH and NP are within one sigma of zero'
+                  + (f'; {named["ID"]}, which changes with the side too: set that zero on a star'
                      if 'ID' in named and abs(sizes['ID'][0]) > sizes['ID'][1] else '')]
 
 
@@ -177,8 +177,8 @@ def _open_notes(model):
     notes = [wording(undetermined_terms(model.undetermined, model.terms))] \
         if model.undetermined else []
     if model.sides is not None and 0 in model.sides:
-        notes.append('all rows of the fit are on one side of the pier: on the other nobody has '
-                     'seen this model')
+        notes.append('all rows of the fit are on one side of the pier: the model is untested '
+                     'on the other')
     return notes
 
 
@@ -190,9 +190,9 @@ def _with_zero(model, wanted):
         if not known or not known.newest.angles.any():  # or it is in the index terms
             return model, []
         newest = known.newest
-        return model, [f'the zero of the power-on is not in the file (run {newest.run:g}: azimuth '
+        return model, [f'the zero of the power-on is not in the file (run {newest.run:g}, azimuth '
                        f'{newest.az / ARCSEC:+.2f}, elevation {newest.el / ARCSEC:+.2f} arcsec); '
-                       '--zero newest adds it to the indices']
+                       '--zero newest adds it to the index terms']
     covariance = model.covariance
     terms = {**model.terms}
     for name, value in zip(model.mount.names.index, (az, el)):
@@ -203,8 +203,8 @@ def _with_zero(model, wanted):
     provenance = {k: v for k, v in model.provenance.items()
                   if k not in ('zeros_in_force', OF_RUNS)}
     return replace(model, terms=terms, covariance=covariance, provenance=provenance), [
-        f'the zero of run {applied[0].run:g} is in the indices: azimuth {az / ARCSEC:+.2f}, '
-        f'elevation {el / ARCSEC:+.2f} arcsec']
+        f'the zero of run {applied[0].run:g} was added to the index terms: azimuth '
+        f'{az / ARCSEC:+.2f}, elevation {el / ARCSEC:+.2f} arcsec']
 
 
 def _sky_of(path, model, options):
@@ -244,30 +244,30 @@ def sentences(exported):
     program, loss, direct = exported.program, exported.loss, exported.direct
     where = f'on {exported.sky}'
     if exported.held:
-        return [f'{program.title} computes what the model does, to {max(loss.largest, 1e-4):.4f} '
-                f'arcsec at most {where}']
+        return [f'{program.title} reproduces the model within {max(loss.largest, 1e-4):.4f} '
+                f'arcsec {where}']
     lines = []
     if exported.left:
         parts = list(dict.fromkeys(map(_part, exported.left)))
         # a model for prediction has dozens
         more = [f'{len(parts) - _PARTS} more'] if len(parts) > _PARTS else []
-        lines.append(f'no term of {program.title} is written for: '
+        lines.append(f'{program.title} has no term for: '
                      f'{"; ".join([*parts[:_PARTS], *more])}')
     if exported.refitted:
-        lines.append('refitted in its terms: taken over by name alone they would be off by '
+        lines.append('terms refitted for it; copied by name alone they would be off by '
                      f'{direct.rms:.3f} arcsec RMS, at most {direct.largest:.3f}')
     if exported.added:
-        lines.append(f'further terms of it that took up what they could: '
+        lines.append(f'further terms, fitted to what has no term: '
                      f'{", ".join(exported.added)}')
     if exported.left and exported.elsewhere is None:
-        lines.append('it was fitted all over the sky, where the model may never have been: '
-                     '--sky RUN fits it to the directions of a run')
+        lines.append('fitted over the whole sky, also where the model may have no data: '
+                     '--sky RUN fits the directions of a run')
     if program.whole:
         lines.append(f'it takes {program.digits}')
     lines.append(f'loss: {loss.rms:.3f} arcsec RMS, at most {loss.largest:.3f}, {where}')
     other = exported.elsewhere
     if other is not None:
-        lines.append('of what follows the direction, on a uniform sky above 20 degrees: '
+        lines.append('direction-dependent part, on a uniform sky above 20 degrees: '
                      f'{other.rms:.3f} arcsec RMS, at most {other.largest:.3f}')
     return lines
 

@@ -93,7 +93,7 @@ def _note(path, section, names, driven, namespace):
     name = section.rpartition('/')[2]
     alike = get_close_matches(name, names, 1, ALIKE)
     if driven and not alike and is_of(section, f'{namespace}/{name}'):
-        return f'{path}: section {section} is of no node here; a driver of that name may read it'
+        return f'{path}: section {section} matches no node here; a driver of that name may read it'
     alike = [name] if name in known else alike or get_close_matches(name, known, 1)
     hint = f'write /**/{alike[0]}. ' if alike else ''
     raise ValueError(f'{path}: section {section} matches no node in {namespace}: {hint}The nodes '
@@ -120,5 +120,5 @@ def _check_site(nodes, path):
             differ(*sites.values())):
         texts = [f'{name} ({", ".join(f"{value:.4f}" for value in sites[name])} deg)'
                  for name in sorted(sites)]
-        raise ValueError(f'the nodes {" and ".join(texts)} have different sites: give all one'
+        raise ValueError(f'the nodes {" and ".join(texts)} have different sites: set one for all'
                          + (f', under /**: in {path}' if path else ''))

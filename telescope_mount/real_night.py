@@ -75,8 +75,8 @@ def run_real_night(out, *, plan='', stars=BLOCK_STARS, drivers=(), domain_number
     plan = plan or real_plan(stars)
     verbs = {step.verb for step in parse_plan(plan)}
     if 'fit' not in verbs and not (reference and 'track' in verbs):
-        raise ValueError(f'--plan {plan!r} has no fit, nor track with a --reference: no result '
-                         'would come')
+        raise ValueError(f'--plan {plan!r} would give no result: add the step fit, or track and '
+                         'a --reference')
     _check_files(drivers, reference)
 
     def nodes(folder, **common):
@@ -118,8 +118,8 @@ def run_server_night(out, mount, *, stars=BLOCK_STARS, reference=None, camera=''
         parse_camera(camera)
     plan = server_plan(stars, track, discrimination)
     if camera and any(step.verb == 'pass' for step in parse_plan(plan)):
-        raise ValueError(f'--camera {camera}: its images are solved by their stars, and a pass '
-                         'wants the satellite measured; give a driver that does with --driver')
+        raise ValueError(f'--camera {camera}: it measures stars only, and a pass needs the '
+                         'satellite measured; give a driver that does so with --driver')
     found = ask_server(mount, sky, bool(camera or drivers))
     return _carry_out(
         out, plan, found.kind, lambda _, **common: nodes_of(
@@ -165,11 +165,11 @@ def _folder(out, plan, mount, anew, note):
     if anew:
         file.forget()
     elif left is not None and left.plan != plan:
-        raise ValueError(f'{out} has a night that was interrupted, with the plan {left.plan!r}: '
-                         'give that one to go on with it, --anew, or another folder with --out')
+        raise ValueError(f'{out} has an interrupted night with the plan {left.plan!r}: give '
+                         'that plan to resume it, --anew to restart it, or another --out')
     elif left is not None:
-        note(f'the night in {out} was interrupted after {len(file.kept.rows)} observations: it '
-             f'goes on at step {left.block + 1}, {left.step}')
+        note(f'the night in {out} was interrupted after {len(file.kept.rows)} observations: '
+             f'resuming at step {left.block + 1}, {left.step}')
     return out, True
 
 

@@ -251,8 +251,8 @@ def run_of_log(path, satellites=False):
     columns['az_raw'], columns['el_raw'] = _readings(columns, not run.mount.vertical
                                                      and is_beyond(run['el']))
     if zeros:
-        notes.append(f'the zero that the night set on each of {len(zeros)} power-ons is taken off'
-                     if len(zeros) > 1 else 'the zero that the night set is taken off')
+        notes.append(f'zeros of the night subtracted, one on each of {len(zeros)} power-ons'
+                     if len(zeros) > 1 else 'zero of the night subtracted')
         az, el = zeros.filled(np.unique(run['run']), NO_ZERO).row_angles(run)
         columns['az_enc'], columns['el_enc'] = columns['az_enc'] - az, columns['el_enc'] - el
     columns['az_enc'] = run['az'] + wrap(columns['az_enc'] - run['az'])
@@ -296,8 +296,8 @@ def _power_ons(run, zeros, notes):
     number = np.arange(len(keys.T)) + int(np.min(run['run']))
     if len(keys.T) == len(np.unique(keys[1])):
         return run, Zeros(zeros.values())
-    notes.append(f'{len(keys.T)} power-ons share {len(np.unique(keys[1]))} numbers: they are of '
-                 'several nights, and are numbered anew')
+    notes.append(f'{len(keys.T)} power-ons share {len(np.unique(keys[1]))} numbers: they are '
+                 'from several nights, and were renumbered')
     return PointingRun({**run.columns, 'run': number[rows.ravel()]}, run.meta), Zeros(
         replace(zero, run=int(new)) for new, (start, old) in zip(number, keys.T)
         for (of, when), zero in zeros.items()
@@ -324,8 +324,8 @@ def declared_by(parameters, notes):
     try:
         out['skyline'] = parse_horizon(horizon)
     except OSError:
-        notes.append(f'the skyline was in the file {horizon}, which is not here: proposals may lie '
-                     'behind it')
+        notes.append(f'skyline file {horizon} not found: proposed directions may be below the '
+                     'skyline')
     return out
 
 

@@ -238,8 +238,8 @@ def _star_columns(run, mount):
                          f'the tracks are of one that is {mount.kind}')
     time = np.asarray(run.get('time'), float)
     if not np.isfinite(time).all():
-        raise ValueError(f'{run.meta.get("source")}: stars beside tracks need the time of every '
-                         'row (column time)')
+        raise ValueError(f'{run.meta.get("source")}: stars fitted with tracks need the time of '
+                         'every row (column time)')
     # the zeros of a log's power-ons are already subtracted
     names = ('az', 'el', 'az_enc', 'el_enc', 'temperature', 'pressure',
              *([] if 'az_raw' in run else ['run']))

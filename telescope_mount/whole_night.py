@@ -288,7 +288,7 @@ def _results(watcher, specs, plan, write, bag):
         missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
         out = write(_with_all_rows(latest, bag)) if incomplete else written.result()
     if missing:
-        raise NightFailed('the logger could not keep up; it lacks messages of '
+        raise NightFailed('the logger could not keep up; the log lacks messages of '
                           + ', '.join(missing))
     return out
 
@@ -358,7 +358,7 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, hold_up=None, note=None)
                         note(hint)
         if time.monotonic() - since > (max(stall, THINKING) if at.step == 'diagnose' else stall):
             what = status.message if status is not None else 'the star observer'
-            raise NightFailed(f'nothing went on for {time.monotonic() - since:.0f} s: waiting for '
+            raise NightFailed(f'no progress for {time.monotonic() - since:.0f} s: waiting for '
                               f'{what}{quiet}')
 
 

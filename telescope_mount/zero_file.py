@@ -93,7 +93,7 @@ def read_zeros(path):
         raise ValueError('; '.join([f'{path}: no row can be used', *notes]))
     if not any(np.isfinite(values[kept]).any() for values in covariates.values()):
         raise ValueError('; '.join([
-            f'{path} has no column that the zeros could follow: give temperature_c '
+            f'{path} has no column that may explain the zeros: give temperature_c '
             '(or temperature_az_c and temperature_el_c), supply_v, since_h or side', *notes]))
     season = Season(
         np.where(np.isfinite(run), run, np.arange(1.0, len(cells) + 1.0)).astype(int),
@@ -108,8 +108,8 @@ def read_zeros(path):
         season, lines = season.select(slice(0, -1)), lines[:-1]
     there = np.isfinite(season.zeros).sum(axis=1)
     reasons = np.zeros(len(there), dtype=object)
-    reasons[there == 1] = f'one of {_NEEDED} is empty; a power-on counts with both'
-    reasons[there == 0] = 'no zero; only the last row may be without, it is tonight'
+    reasons[there == 1] = f'one of {_NEEDED} is empty; a power-on needs both'
+    reasons[there == 0] = 'no zero; only the last row, tonight, may be without'
     return season.select(there == 2), tonight, notes + _left_out(path, lines, reasons)
 
 
@@ -172,7 +172,7 @@ def _unknown_columns(path, names):
         else:
             others.append(name)
     if others:
-        notes.append(f'{path}: columns not used, nothing that a zero may follow is called so: '
+        notes.append(f'{path}: columns not used, names unknown: '
                      + ', '.join(others))
     return notes
 

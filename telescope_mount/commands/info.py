@@ -134,12 +134,12 @@ def _read_through(bag):
         parts[-1][2] += 1
         parts[-1][3].add(message.topic)
     if twice:
-        odd.append(f'{counted(twice, True)} are there twice, as of a file that was copied')
+        odd.append(f'{counted(twice, True)} occur twice, as if a file was copied')
     total = sum(part[2] for part in parts)
     for first, last, count, topics in parts:
         if count <= FEW * total:
-            odd.append(f'{counted(count, True)} {span(first, last)} beside {total - count} of '
-                       f'other days, of {", ".join(sorted(topics)[:5])}')
+            odd.append(f'{counted(count, True)} {span(first, last)}, the other {total - count} '
+                       f'on other days; topics: {", ".join(sorted(topics)[:5])}')
     for attachment in bag.attachments:
         try:
             attachment_data(attachment)
@@ -202,7 +202,7 @@ def info_lines(info):
           if info['attachments'] else []),
         'integrity          ' + (
             'damaged or not closed, see below' if not info['complete'] else
-            'not as it should be, see below' if info['problems'] else
+            'complete, but with problems, see below' if info['problems'] else
             'closed properly' if not info['read_through'] else
             'whole, every checksum is right' if info['checksums'] else
             'whole, without checksums'),

@@ -44,7 +44,7 @@ def run(args):
     total = sum(report['checked'].values())
     console.print(', '.join(f'{count} {kind}' for kind, count in report['checked'].items()))
     rounded = report['rounded']
-    console.print(f'{total - len(report["differences"]) - rounded} of {total} are the same to the '
-                  f'bit' + f', {rounded} but for rounding (another processor)' * bool(rounded))
+    console.print(f'{total - len(report["differences"]) - rounded} of {total} are identical bit '
+                  f'by bit' + f', {rounded} within rounding (another processor)' * bool(rounded))
     write_outputs(console, args, report)
     return 1 if report['differences'] or report['damaged'] else 0

@@ -54,7 +54,7 @@ def test_a_copy_in_the_folder_and_a_file_of_another_night(log, tmp_path):
     shutil.copy(log / 'log_0.mcap', log / 'log_0 (copy).mcap')
     listed, twice = log_info(log)['problems']
     assert listed.startswith('log_0 (copy).mcap is not listed in metadata.yaml: 40 messages more')
-    assert twice == '40 messages are there twice, as of a file that was copied'
+    assert twice == '40 messages occur twice, as if a file was copied'
     assert len(list(BagReader(log).messages('/a'))) == 40
     (log / 'log_0 (copy).mcap').unlink()
     shutil.copy(write_log(tmp_path / 'other', 30, 10**18 + DAY // 2), log / 'log_1.mcap')

@@ -106,7 +106,7 @@ class Graph:
 def test_a_slew_is_aborted_and_its_end_waited_for(monkeypatch):
     graph = Graph(monkeypatch, 'following')
     assert 1.0 < graph.end() < 1.4 and graph.called == ['abort'] and graph.rate == 0.0
-    assert graph.told == ['waiting until the mount stands; Ctrl-C ends at once']
+    assert graph.told == ['waiting for the mount to stop; Ctrl-C ends at once']
 
 
 def test_a_plan_that_is_done_needs_no_abort(monkeypatch):
@@ -154,12 +154,11 @@ def test_what_hinders_the_end_is_said_and_no_wait_is_for_ever(monkeypatch):
     deaf.brakes = False
     assert 8.0 < deaf.end() < 13.0
     assert deaf.told[0].startswith('the guard does not answer')
-    assert deaf.told[-1].endswith('look at it; it has moved for 8 s')
+    assert deaf.told[-1].endswith('may still move: moving for 8 s already')
     mute = Graph(monkeypatch, 'following')
     mute.speaks = False
     assert mute.end() < 5.0
-    assert mute.told[-1] == ('whether the mount stands is not known: look at it; its encoders are '
-                             'silent')
+    assert mute.told[-1] == 'check the mount, it may still move: no encoder readings'
 
 
 def test_a_mount_without_drivers_is_not_waited_for(monkeypatch):
@@ -196,5 +195,5 @@ def test_homing_is_said_to_go_on(monkeypatch):
     graph = Graph(monkeypatch, 'idle')
     graph.angle = float('nan')
     assert graph.end() < 0.5
-    assert [text.split(':')[0] for text in graph.told] == ['where the axes are is not known']
-    assert 'a driver that homes the mount goes on' in graph.told[0]
+    assert [text.split(':')[0] for text in graph.told] == ['positions of the axes unknown']
+    assert 'a driver that is homing the mount goes on' in graph.told[0]

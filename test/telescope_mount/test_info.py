@@ -94,7 +94,7 @@ def test_a_few_messages_of_another_day_are_named(tmp_path, capsys):
             writer.write('/a', number(i), START + i * 10**7, START)
     info = log_info(tmp_path / 'log')
     assert info['problems'] == ['1 message from 2026-01-12T13:00:00.000Z to '
-                                '2026-01-12T13:00:00.000Z beside 150 of other days, of /b']
+                                '2026-01-12T13:00:00.000Z, the other 150 on other days; topics: /b']
     assert main(['info', str(tmp_path / 'log')]) == 1 and 'whole' not in capsys.readouterr().out
 
 

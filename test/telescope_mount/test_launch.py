@@ -191,7 +191,7 @@ def test_a_parameter_file_that_sets_nothing_is_refused_and_what_drivers_read_is_
     with pytest.raises(ValueError, match=f'{path}: section /../dome matches no node in /mount'):
         night(params_file=str(path))
     assert [action.values['msg'] for action in real(params_file=str(path))['LogInfo']] == [
-        f'{path}: section /**/dome is of no node here; a driver of that name may read it']
+        f'{path}: section /**/dome matches no node here; a driver of that name may read it']
     path.write_text('/mount/camera: {ros__parameters: {seed: 2}}')
     assert night(params_file=str(path))
     with pytest.raises(ValueError, match=r'no node in /dome/north: write /\*\*/camera'):

@@ -189,7 +189,7 @@ def test_what_is_printed_and_written(german):
     assert (f'. {after:.2f}″ RMS on fresh stars with the new model, {before:.2f}″ with the old'
             ) in whole
     # the pair of the same stars stands above those of other stars
-    assert 0 < german.text.index('model before') < german.text.index('other stars each')
+    assert 0 < german.text.index('model before') < german.text.index('different stars')
     assert german.report['paired']['before']['rms_arcsec'] == before
     assert '<h2 class="part">Pointing diagnosis' in whole and whole.count('class="controls"') == 1
     for path in german.report['files'].values():
@@ -214,7 +214,7 @@ def test_a_night_whose_counts_wander_points_by_the_absolute_encoder(cli, ended, 
     assert loop.model.effects == () and 'the model stays as it was' in loop.text
     assert list(follows) == ['elevation'] and loop.diagnosis['zero_follows'] == follows
     assert report['follows'] == ['elevation']
-    assert 'zero of the elevation encoder: follows the absolute encoder' in loop.text
+    assert 'zero of the elevation encoder: tracked by the absolute encoder' in loop.text
     # nothing was published: one model, and so one figure, though other stars were pointed at before
     assert report['paired']['before'] == report['paired']['after']
     assert report['paired']['after']['rms_arcsec'] == report['blind_after']['rms_arcsec']
@@ -367,14 +367,14 @@ def test_how_far_the_axes_stood_from_their_demand(german):
     assert drive == pytest.approx(drive_error(rows, german.model), abs=1e-3)
     assert drive['stars'] == 10 and drive['rms_arcsec'] < 0.5
     assert drive['missed_arcsec'] == pytest.approx(german.report['blind_after']['rms_arcsec'])
-    assert 'is the drive' not in german.text
+    assert 'drive error' not in german.text
     # had the axes been elsewhere, encoders and camera would both have seen it
     late = rows['check'] == 1.0
     rows.columns['miss_y'] = rows['miss_y'] + 5.0 * ARCSEC * late
     more = drive_error(rows, german.model)
     assert more['rms_y_arcsec'] == pytest.approx(5.0, abs=0.3) and more['rms_x_arcsec'] < 0.5
     text = ' '.join(loop_sentences({**german.report, 'drive': more}))
-    assert 'is the drive (hour angle' in text and 'check servo' in text
+    assert 'drive error by the encoders' in text and 'check servo' in text
     assert drive_error(rows.select(~late), german.model) is None
 
 

@@ -71,7 +71,7 @@ def test_a_file_that_reads_back(ended, model, tmp_path, to):
     code, said, err = ended('export', model[0], out, '--to', to, '--json', tmp_path / 'told.json',
                             '--latitude', '31.5', '--longitude', '-110.9')
     assert code == 0 and not err
-    assert '--zero newest adds it to the indices' in ' '.join(said.split())
+    assert '--zero newest adds it to the index terms' in ' '.join(said.split())
     told = json.loads((tmp_path / 'told.json').read_text())
     assert told['program'] == to and Path(told['file']) == out
     bare = PointingModel(TERMS)
@@ -112,14 +112,14 @@ def test_what_is_held_is_said_to_be(ended, tmp_path):
     PointingModel(TERMS).save(tmp_path / 'm.json')
     code, said, _ = ended('export', tmp_path / 'm.json', tmp_path / 'm.mod', '--to', 'tpoint')
     assert code == 0
-    assert 'TPOINT computes what the model does, to 0.0001 arcsec at most on a uniform sky' in said
+    assert 'TPOINT reproduces the model within 0.0001 arcsec on a uniform sky' in said
     assert 'read to first order at the encoder angles (pytelpoint and others): off by' in said
 
 
 @pytest.mark.parametrize('options, words', [
-    (['out.json', '--to', 'tpoint'], 'is a model of ours'),
-    (['out.mod', '--to', 'model'], 'is a model of ours'),
-    (['model.json', '--to', 'model'], 'written over the model'),
+    (['out.json', '--to', 'tpoint'], '.json and .yaml are'),
+    (['out.mod', '--to', 'model'], '.json and .yaml are'),
+    (['model.json', '--to', 'model'], 'is the input model itself'),
     (['out.mod', '--to', 'maxpoint'], 'maxpoint'),
     (['out.mod', '--to', 'tpoint', '--zero', '7'], 'no zero of run 7; it has: 1'),
     (['out.mod', '--to', 'tpoint', '--zero', 'all'], 'write newest, none'),
@@ -161,7 +161,7 @@ def test_a_german_mount_from_the_fit_to_the_encoders(ended, refused, tmp_path):
                             'tpoint', '--sky', tmp_path / 'run.csv')
     assert code == 0, err
     said = ' '.join(said.split())
-    assert 'TPOINT computes what the model does' in said and 'directions of run.csv' in said
+    assert 'TPOINT reproduces the model' in said and 'directions of run.csv' in said
     (tmp_path / 'in.csv').write_text('ha_deg,dec_deg\n-20,30\n160,150\n')
     code, out, err = ended('apply', tmp_path / 'new.mod', tmp_path / 'in.csv', *here)
     assert code == 0 and out.splitlines()[0] == 'ha_deg,dec_deg,ha_enc_deg,dec_enc_deg'
@@ -189,13 +189,13 @@ def test_a_database_without_a_side_is_of_one_side(ended, refused, tmp_path):
         return tmp_path / name
     large = written('large.json', CH=35.0)
     line = refused('export', large, place, *where)
-    assert 'CH is +35.0 +- 1.0 arcsec. Write a file of each side (--side east' in line
+    assert 'CH is +35.0 +- 1.0 arcsec. Write one file per side (--side east' in line
     code, said, _ = ended('export', large, place, *where, '--side', 'west')
     assert code == 0 and 'west of the pier' in said and 'loss: 0.' in said
     code, said, _ = ended('export', written('small.json'), place, *where)
     assert code == 0 and 'CH and NP are within one sigma of zero' in said and 'loss: 0.' in said
     # all rows of the fit on one side: that side
     code, said, _ = ended('export', written('one.json', (30, 0), CH=35.0), place, *where)
-    assert code == 0 and 'of the east side of the pier alone' in ' '.join(said.split())
+    assert code == 0 and 'valid on the east side of the pier only' in ' '.join(said.split())
     assert 'leave it out' in refused('export', large, tmp_path / 'a.mod', '--to', 'tpoint',
                                      '--side', 'east')

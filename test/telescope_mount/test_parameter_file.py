@@ -95,7 +95,7 @@ def test_sections_of_other_nodes_and_of_drivers(file):
     with pytest.raises(ValueError, match='section /../my_dome matches no node'):
         check(night_graph(bag='b'), path)
     assert check(real_graph(bag='b'), path) == check(night_graph(bag='b'), path, ['dome.py']) == [
-        f'{path}: section /**/my_dome is of no node here; a driver of that name may read it']
+        f'{path}: section /**/my_dome matches no node here; a driver of that name may read it']
     for name in ('config/site.yaml', 'examples/toy_telescope.yaml'):
         assert check(real_graph(bag='b'), ROOT / name) == []
 
@@ -112,7 +112,7 @@ def test_guard_and_observer_have_one_site(file):
                   real_graph(bag='b', sky=PLACE)):
         with pytest.raises(ValueError, match=re.escape(
                 'the nodes mount_guard (-31.0000, -70.0000 deg) and star_observer (34.3000, '
-                f'109.0000 deg) have different sites: give all one, under /**: in {path}')):
+                f'109.0000 deg) have different sites: set one for all, under /**: in {path}')):
             check(specs, path)
     # a guard without a site says itself whether it needs one
     assert check(real_graph(bag='b'), file(SITE.replace('/**', '/**/star_observer'))) == []

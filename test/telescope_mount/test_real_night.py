@@ -29,7 +29,7 @@ def test_a_driver_that_is_no_file_is_refused(refused, tmp_path):
 
 
 def test_a_plan_without_a_fit_is_refused(refused, tmp_path):
-    assert 'has no fit' in refused('observe', '--plan', 'stars 3', '--out', tmp_path / 'o')
+    assert 'add the step fit' in refused('observe', '--plan', 'stars 3', '--out', tmp_path / 'o')
 
 
 def test_the_domain_is_the_one_that_drivers_are_in(monkeypatch):
@@ -66,7 +66,7 @@ def interrupted(tmp_path):
 def test_it_goes_on_in_its_folder_and_says_where(interrupted):
     said = []
     assert _folder(interrupted, PLAN, 'altaz', False, said.append) == (interrupted, True)
-    assert said == [f'the night in {interrupted} was interrupted after 2 observations: it goes on '
+    assert said == [f'the night in {interrupted} was interrupted after 2 observations: resuming '
                     'at step 2, stars 4']
     assert _free(interrupted / 'bag') == interrupted / 'bag_2'
 
@@ -79,7 +79,7 @@ def test_anew_keeps_what_was_there_beside(interrupted):
 
 
 def test_another_plan_is_no_interrupted_one(interrupted):
-    with pytest.raises(ValueError, match="with the plan 'home, stars 4, fit': give that one to go"):
+    with pytest.raises(ValueError, match="with the plan 'home, stars 4, fit': give that plan to"):
         _folder(interrupted, 'stars 9, fit', 'altaz', False, print)
 
 

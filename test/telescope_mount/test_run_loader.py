@@ -96,7 +96,7 @@ def test_raw_readings_are_those_that_the_miss_distance_moves(beyond):
 def test_export_is_not_written_over_its_source(tmp_path):
     path = tmp_path / 'run.csv'
     path.write_text(ROWS)
-    with pytest.raises(ValueError, match='written over'):
+    with pytest.raises(ValueError, match='is the input run'):
         export_run(path, tmp_path / '.' / 'run.csv')
     assert path.read_text() == ROWS
 
@@ -153,7 +153,7 @@ def test_a_log_has_the_skyline_of_its_guard_and_the_site_of_its_observer(
     assert (run.meta['site']['latitude'], run.meta['site']['longitude']) == (0.5, 90.0 * DEG)
     told['mount_guard']['horizon'] = str(tmp_path / 'absent.txt')
     run = load_run(night / 'bag')
-    assert 'skyline' not in run.meta and 'absent.txt, which is not here' in run.meta['notes'][-1]
+    assert 'skyline' not in run.meta and 'absent.txt not found' in run.meta['notes'][-1]
 
 
 @pytest.mark.usefixtures('ros_domain')

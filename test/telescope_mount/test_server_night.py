@@ -101,7 +101,7 @@ def test_of_a_pass_the_simulator_shows_the_satellite_and_no_camera_solves_it(ref
                        'indi:dome:CCD 1', '--out', tmp_path / 'x')
     specs = {spec.name: spec.parameters for spec in nodes_of(found, plan=plan, bag='b')}
     assert specs['indi_sky']['satellite'] == 'L52 lageos2.sp3'
-    assert '--camera indi:dome:CCD 1: its images are solved by their stars' in said
+    assert '--camera indi:dome:CCD 1: it measures stars only' in said
 
 
 def test_a_camera_is_one_of_an_indi_server():
@@ -160,7 +160,7 @@ def test_a_night_that_was_interrupted_goes_on_in_its_folder(tmp_path, monkeypatc
         file.close()
         (out / 'bag').mkdir()
         run()
-        assert said == [f'the night in {out} was interrupted after 1 observations: it goes on at '
+        assert said == [f'the night in {out} was interrupted after 1 observations: resuming at '
                         'step 2, stars']
         run(anew=True)
         assert not (out / STATE).exists() and (out / f'{STATE}.before').exists()

@@ -89,7 +89,7 @@ def test_a_night_that_stands_still_is_given_up_but_not_one_that_thinks(monkeypat
     at = {'state': 'observing', 'step': 'diagnose'}
     thinks = [(OK, 'diagnose', at, {})] * 3
     assert says([*thinks, (OK, 'plan finished', {'state': 'done'}, {})], monkeypatch) == []
-    with pytest.raises(night.NightFailed, match='nothing went on for 0 s: waiting for stars 4'):
+    with pytest.raises(night.NightFailed, match='no progress for 0 s: waiting for stars 4'):
         says([(OK, 'stars 4', at | {'step': 'stars 4'}, {})] * 3, monkeypatch)
 
 

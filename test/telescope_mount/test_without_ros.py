@@ -60,7 +60,7 @@ def test_runs_and_logs_are_read(ran, tmp_path):
                 f'recover {LOG} --out whole', 'export m.json m.mod --to tpoint',
                 'apply m.json run.csv --out out.csv'), tmp_path)
     # the last bit of the log may be another on another processor: 1
-    assert told[3][0] in (0, 1) and 'of 87 are the same to the bit' in told.pop(3)[1]
+    assert told[3][0] in (0, 1) and 'of 87 are identical bit by bit' in told.pop(3)[1]
     assert [code for code, _, _ in told] == [0] * len(told), told
     assert (tmp_path / 'out.csv').is_file() and (tmp_path / 't.json').is_file()
 

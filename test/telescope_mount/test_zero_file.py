@@ -57,7 +57,7 @@ def test_columns_of_each_axis_and_the_order_of_time(tmp_path):
                     'side\n8,2000,2,20,5,6,above\n7,1000,1,10,3,4,below\n9,3000,,10,3,4,1\n')
     season, tonight, notes = read_zeros(file)
     assert notes == [f'{file}, line 4 left out: one of zero_az_arcsec and zero_el_arcsec is empty; '
-                     'a power-on counts with both']
+                     'a power-on needs both']
     assert season.run.tolist() == [7, 8] and tonight is None
     np.testing.assert_allclose(season.zeros / ARCSEC, [[1, 10], [2, 20]])
     np.testing.assert_allclose(season.covariates['temperature'], [[3, 4], [5, 6]])
