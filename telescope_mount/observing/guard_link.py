@@ -41,6 +41,8 @@ class GuardLink:
         Why the guard ends the plan, '' if it does not.
     allowed : AllowedSky or None
         Where the guard lets the tube point; None if unknown.
+    elsewhere : str
+        Why the guard's site may differ from that of the observer, '' if it does not.
     own_way : bool
         Whether the mount slews in its own way to places that it is sent to.
     """
@@ -50,7 +52,7 @@ class GuardLink:
         self._publisher, self._request = node.publisher(topics.REQUEST), None
         self._owner_pub = node.publisher(topics.REQUEST_OWNER)
         self.known, self.ends, self.allowed, self.own_way = False, '', None, False
-        self._rows = {}
+        self.elsewhere = ''
         self._there, self._holds, self._refused, self._command = False, '', (0, ''), None
 
     def take_status(self, message, site):
@@ -59,7 +61,8 @@ class GuardLink:
         state, self.known = rows.get('state', ''), True
         self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
         self.own_way = rows.get('goto') == 'True'
-        self.allowed, self._rows = AllowedSky.from_rows(rows, site), rows
+        self.allowed = AllowedSky.from_rows(rows, site)
+        self.elsewhere = self.allowed.elsewhere if self.allowed else ''
         self.ends = f'the mount guard: {message.message}' if state in ENDING else ''
         if self.ends:
             self._request = None
@@ -97,11 +100,6 @@ class GuardLink:
     def sent(self, stamp):
         """Where the guard sent the mount at `stamp` (ns), rad, shape (2,); None if unknown."""
         return None if self._command is None else self._command.at(stamp)
-
-    @property
-    def elsewhere(self):
-        """Why the guard's site may differ from that of the observer, '' if it does not."""
-        return self.allowed.elsewhere if self.allowed else ''
 
     def lacking(self):
         """What a plan must wait for before it begins, list of str."""
