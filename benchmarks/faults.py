@@ -69,16 +69,16 @@ HOUR = 3600 * 10**9
 
 @dataclass
 class Liar:
-    """Stands between a simulated instrument and the graph.
+    """Relays the topic of a simulated instrument to the graph, and changes it.
 
     Parameters
     ----------
     topic : Topic
     change : callable
-        ``change(message, memory)`` returns what is passed on from the moment on: a message or
-        None; `memory` is a dict of its own.
+        ``change(message, memory)`` returns the message to pass on, or None, once lying has begun;
+        `memory` is a dict that is kept between calls.
     second : bool
-        The simulated instrument is left alone: what `change` makes is one more.
+        Do not relay the instrument: publish the changed messages in addition.
     """
 
     topic: object
@@ -89,11 +89,11 @@ class Liar:
 
     @property
     def raw(self):
-        """Name of the topic on which the simulated instrument is heard."""
+        """Name of the topic on which the simulated instrument publishes."""
         return self.topic.name if self.second else f'{self.topic.name}_raw'
 
     def attach(self, node):
-        """Take what comes, on `node`."""
+        """Subscribe and publish with `node`."""
         self._node = node
         self._pub = None
         if not self.second:
@@ -101,7 +101,7 @@ class Liar:
         node.create_subscription(self.topic.message, self.raw, self._take, self.topic.qos)
 
     def begin(self):
-        """From now on."""
+        """Begin to lie."""
         self.lies = True
         if self._pub is None:
             self._publish()
@@ -187,12 +187,12 @@ FAULTS = {
 
 
 class Remapped(Processes):
-    """Processes of which some publish on topics of other names."""
+    """Processes with remapped topics."""
 
     remaps = {}
 
     def start(self, spec):
-        """As `Processes.start`."""
+        """See `Processes.start`."""
         params = self.folder / f'{spec.name}.params.yaml'
         params.write_text(yaml.safe_dump({'/**': {'ros__parameters': spec.parameters}}))
         arguments = ['--ros-args', '-r', f'__ns:={NAMESPACE}', '--params-file', str(params)]
@@ -205,7 +205,7 @@ class Remapped(Processes):
 
 @dataclass
 class Result:
-    """Of a night."""
+    """Result of a night."""
 
     completed: bool = False
     ended: str = ''
@@ -217,7 +217,7 @@ class Result:
 
     @property
     def false(self):
-        """Whether it taught a falsehood."""
+        """Whether a wrong zero or model was published without a warning."""
         return bool(self.off_sigma > LIMIT) and not self.words
 
 
@@ -306,7 +306,7 @@ def _kill(nodes, specs, name):
 
 
 class Heard:
-    """What the graph says that the judge goes by."""
+    """Messages of the graph that are needed for the evaluation."""
 
     def __init__(self, watcher):
         self._watcher = watcher
@@ -333,7 +333,7 @@ class Heard:
                     self._words[name, part] = None
 
     def judge(self, out, scenario, seed):
-        """How far the published pair is off, by its own sigma, and what was said."""
+        """Evaluate the error of the published zero and model in their sigma, and the warnings."""
         latest = self._watcher.latest
         report = latest.get(topics.CALIBRATION_REPORT.name)
         out.words = [f'{name}: {part}' for name, part in self._words]

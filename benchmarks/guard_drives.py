@@ -75,10 +75,10 @@ class Setting:
         self.top = top
 
     def regions(self, margin):
-        """Which pairs of angles are joined by a way that keeps `margin` (rad) from everything.
+        """Connected regions of axis angles that keep `margin` (rad) from all limits.
 
-        On a grid of 1 degree over the travel: its first angles, its second, and a number for each
-        region; 0 where a limit is nearer, within the next ten minutes.
+        On a grid of 1 degree over the travel: its first angles, its second angles, and the number
+        of the region at each point; 0 where a limit is nearer within the next ten minutes.
         """
         ends = [(low + margin, high - margin) for low, high in self.travel]
         grids = [np.linspace(low, high, int((high - low) / DEG) + 1) for low, high in ends]
@@ -92,12 +92,12 @@ class Setting:
 
 
 def along(az, el):
-    """East, north, up."""
+    """Unit vector (east, north, up) of a direction."""
     return np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
 
 
 def sun_direction(time, latitude, longitude):
-    """East, north, up of the Sun by ERFA: precession-nutation and rotation, UT1 taken for UTC."""
+    """Unit vector (east, north, up) of the Sun from ERFA, with UT1 = UTC."""
     day, part = 2440587.5, time / 86400.0
     tt = part + 69.2 / 86400.0
     earth = erfa.epv00(day, tt)[0]['p']
@@ -111,7 +111,7 @@ def sun_direction(time, latitude, longitude):
 
 
 class Many:
-    """Numbers of many cases, each of one of some settings."""
+    """Arrays for many cases, each of which has one of several settings."""
 
     def __init__(self, settings, index):
         self._settings, self._index = settings, index
@@ -141,7 +141,7 @@ class Many:
         self._take()
 
     def sky(self, sines, cosines, second_sines, second_cosines):
-        """Components in the frame of the axes."""
+        """Direction components in the frame of the axes, from sines and cosines of the angles."""
         return second_cosines * sines, second_cosines * cosines, second_sines
 
     def suns(self, seconds):
@@ -151,7 +151,7 @@ class Many:
         return (a + b * np.cos(angle)[..., None] + c * np.sin(angle)[..., None]).T
 
     def lowest(self, rows, place, beside=0.0):
-        """The skyline at places of the frame, rad; the highest within `beside` to either side."""
+        """Elevation of the skyline, rad; the highest within `beside` to either side of `place`."""
         if not len(rows):
             return np.zeros(0)
         frame = self.frame[rows]
@@ -172,7 +172,7 @@ class Many:
         return out
 
     def clearances(self, angles, seconds, beside=0.0):
-        """Above the skyline and from the Sun's circle, rad, each (n,)."""
+        """Distances above the skyline and from the Sun's circle, rad, each (n,)."""
         first, second = angles
         place = np.array(self.sky(np.sin(first), np.cos(first), np.sin(second), np.cos(second)))
         up = np.clip(np.sum(self._up * place, 0), -1.0, 1.0)
@@ -184,7 +184,7 @@ class Many:
         return above - least, np.where(self._by_sun, apart, np.inf)
 
     def inside(self, angles):
-        """From the nearer end of the travel, rad, (n,)."""
+        """Distance from the nearest end of the travel, rad, (n,)."""
         return np.minimum(angles - self.travel[:, 0], self.travel[:, 1] - angles).min(0)
 
 
@@ -246,29 +246,29 @@ class Tracks:
 
     @property
     def over(self):
-        """Which stand at their end."""
+        """Mask of the tracks that have ended."""
         return ~np.isfinite(self._end)
 
 
 def carry_out(cases, shares, waits=None, beside=0.0):
-    """By how much commands keep within their limits at the worst.
+    """Smallest distance from each limit while commands are executed.
 
     Parameters
     ----------
     cases : list of dict
         ``setting``; ``angles`` and ``rates`` (2,) at the begin; ``track``; ``vias``.
     shares : ndarray, shape (n, 2, 2)
-        Of speed and acceleration (last axis), of each axis.
+        Fractions of speed and acceleration (last axis) that each axis uses.
     waits : ndarray, shape (n, 2), optional
-        Seconds before each axis sets out.
+        Seconds before each axis starts.
     beside : float
-        The skyline counts as far as this to either side, rad.
+        The highest skyline within this distance on either side counts, rad.
 
     Returns
     -------
     worst, start : ndarray, shape (n, 3)
-        rad: travel, skyline, Sun; `worst` relative to the limit or, where they began beyond it, to
-        their begin; of the Sun, to what it would be had they stayed there.
+        rad: travel, skyline, Sun. `worst` is relative to the limit, or to the start if that is
+        beyond it; for the Sun, to the distance that the start would have at that time.
     """
     settings = list({id(c['setting']): c['setting'] for c in cases}.values())
     number = {id(s): k for k, s in enumerate(settings)}

@@ -44,7 +44,7 @@ OVER = 1e-6
 
 
 class Session:
-    """A mount, a guard, and who asks."""
+    """A mount, its guard and a commander."""
 
     def __init__(self, rng, own, here):
         self.rng, self.own, self.here, self.rate = rng, own, here, np.zeros(2)
@@ -57,11 +57,11 @@ class Session:
 
     @property
     def now(self):
-        """ns."""
+        """Current time, ns since 1970."""
         return self.start + round(self.time * 1e9)
 
     def happen(self, free):
-        """Something."""
+        """A random event: request, hang, withdrawal, silence, service call."""
         rng, supervisor = self.rng, self.supervisor
         what = rng.choice(['ask', 'hang', 'withdraw', 'silent', 'pause', 'abort', 'park', 'dead'],
                           p=[0.65, 0.08, 0.04, 0.05, 0.06, 0.05, 0.03, 0.04])
@@ -84,12 +84,12 @@ class Session:
             self.call(supervisor.resume)
 
     def call(self, what, *args):
-        """A service."""
+        """Call a service of the guard; a refusal is no error."""
         with suppress(ValueError):
             what(self.now, *args)
 
     def step(self, number):
-        """A tick."""
+        """Advance by one tick: move the mount, feed the guard, check what it sends."""
         self.time += TICK
         before = self.here
         if self.track is not None:
@@ -113,7 +113,7 @@ class Session:
         self.states.add(self.supervisor.state)
 
     def check(self, track):
-        """What is sent."""
+        """Check a command of the guard."""
         times, angles, rates = track[1:]
         if rates[-1].any():
             self.wrong.append('does not end at rest')
@@ -134,7 +134,7 @@ class Session:
                               f'({self.supervisor.state})')
 
     def depth(self):
-        """By how much it went beyond anything while it moved, rad; 0 for nothing."""
+        """Largest violation of a limit by the moving mount, rad, negative; 0 if there is none."""
         path = np.array(self.path)
         seconds = TICK * np.arange(len(path))
         many = Many([self.own], np.zeros(len(path), int))

@@ -71,7 +71,7 @@ def on_axes(mount, az, el):
 
 
 def passes(rng, mount, rows, shared):
-    """Two passes, each in an order of its own; axes of each row, (2, rows), and which pass."""
+    """Two passes, each in random order: axis angles, (2, rows), and mask of the second pass."""
     half = rows // 2
     first = directions(rng, mount, half)
     again = first[:, :shared] + rng.normal(0.0, 0.3 * DEG, (2, shared)) / np.array(
@@ -97,12 +97,12 @@ def run_of(rng, mount, axes, zeros=(0.0, 0.0), sky=(0.0, 0.0)):
 
 
 def lacking(axes, rng):
-    """What the terms lack, on the sky: 3 sigma RMS, in elevation or declination."""
+    """An unmodelled effect on the sky: 3 sigma RMS, in elevation or declination."""
     return 0.0, 3.0 * np.sqrt(2.0) * np.sin(3.0 * axes[1] + 2.0 * axes[0] + rng.uniform(0.0, 6.0))
 
 
 def on_axis(rng, axes, curve, on_sky=True):
-    """A curve in the zero of one axis, (2, n); as large on the sky on either."""
+    """A curve in the zero of one random axis, (2, n), with the same size on the sky for either."""
     axis = rng.integers(2)
     out = np.zeros((2, len(curve)))
     out[axis] = curve / (np.sqrt(np.mean(np.cos(axes[1])**2)) if axis == 0 and on_sky else 1.0)
@@ -110,12 +110,12 @@ def on_axis(rng, axes, curve, on_sky=True):
 
 
 def random_walk(rng, n, size):
-    """A walk by `size` a row."""
+    """A random walk with steps of RMS `size` per row."""
     return size * np.cumsum(rng.normal(size=n))
 
 
 def memory(rng, n, size, rows):
-    """Noise of RMS `size` that remembers so many rows."""
+    """AR(1) noise of RMS `size` with a correlation length of `rows`."""
     rho, out = np.exp(-1.0 / rows), np.empty(n)
     out[0] = rng.normal()
     for i in range(1, n):
@@ -136,14 +136,14 @@ WANDERS = {
 
 
 def patterns(run):
-    """What `fit` finds in places and outliers, and the visits."""
+    """Findings of `fit` on revisited places, and on clustered outliers."""
     rows = ResidualRows.from_fit(run, fit_terms(run))
     visits = rows.visits(run.mount.names.physical)
     return visit_findings(rows, visits), cluster_findings(rows)
 
 
 def line(what, *figures):
-    """A line of the table."""
+    """Print a line of the table."""
     print(f'{what:76s}' + ''.join(f'{figure:>14s}' for figure in figures), flush=True)
 
 
@@ -163,7 +163,7 @@ def _each(kind):
 
 
 def steps(args):
-    """Found, and called a step."""
+    """Detection of a step between two passes."""
     def restarted(rng, axes, later):
         n = len(later)
         parts = np.arange(n) * 4 // n
@@ -183,7 +183,7 @@ def steps(args):
 
 
 def white(args):
-    """Nothing there."""
+    """False detections without a step."""
     line('no step', 'found', 'called a step')
     for kind, sky in (('white noise', lambda axes, rng: (0.0, 0.0)),
                       ('an effect of 3 sigma', lacking),
@@ -196,7 +196,7 @@ def white(args):
 
 
 def wander(args):
-    """No step, but a zero that wanders."""
+    """False detections with a drifting zero instead of a step."""
     line('a zero that wanders', 'found', 'called a step')
     for kind, curve in WANDERS.items():
         for what, mount, rows, shared in _each(kind):
@@ -207,7 +207,7 @@ def wander(args):
 
 
 def gathered(rng, mount, kind, strays):
-    """80 rows, four of which lie together and are 10 sigma off; `kind` of where, None: nowhere."""
+    """80 rows with four clustered outliers of 10 sigma near a direction or azimuth (None: none)."""
     axes = directions(rng, mount, 80)
     sky = np.zeros((2, 80))
     if kind:
@@ -229,7 +229,7 @@ def gathered(rng, mount, kind, strays):
 
 
 def outliers(args):
-    """Told."""
+    """Detection of four clustered outliers."""
     line('four outliers of 80 rows together', 'told', 'right rows')
     for name, mount in MOUNTS.items():
         for kind in ('direction', 'azimuth'):
@@ -247,7 +247,7 @@ def outliers(args):
 
 
 def accidents(args):
-    """Told where there is nothing."""
+    """False detections without clustered outliers."""
     line('no outliers together, 80 rows', 'told')
     for name, mount in MOUNTS.items():
         for what, strays, more in (
@@ -266,7 +266,7 @@ def accidents(args):
 
 
 def step38(args):
-    """The run with a large step."""
+    """Cross-validated RMS of a run with a large step, with one zero and with sessions."""
     line('two passes of 40 rows, a step of -38" of the first axis, halves not seen', 'one zero',
          'sessions')
     rng = np.random.default_rng(args.seed)

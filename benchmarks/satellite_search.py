@@ -48,7 +48,7 @@ _GAP = 0.1  # of the size: gaps below it come from the grid of arcs
 
 @dataclass(frozen=True)
 class CandidateResult:
-    """Whether and with which size a candidate gives the paper's numbers.
+    """Whether, and with which sizes, a candidate reproduces the paper's numbers.
 
     Attributes
     ----------
@@ -56,22 +56,21 @@ class CandidateResult:
     units : tuple of str
         Of the sizes.
     after, before, both : bool
-        Some size, on some arc, gives the four numbers of "after"; the scatter of "before" with a
-        zero offset that gives the means; the same size gives both.
+        Whether some size on some arc reproduces: the four numbers of "after"; the scatter of
+        "before", and its means with a zero offset; both with the same size.
     one_night : bool
-        And an arc of "before" can end before one of "after" begins, in one pass.
+        Whether, in addition, the arc of "before" can end before that of "after" begins in one pass.
     size_after, size_before, size_both : tuple of list of (float, float)
-        For each size its intervals; of two sizes at once the whole range of each. Within the
-        limit if any is; of a fixed size, what it would have to be.
+        Intervals of each size; with two sizes the whole range of each. If any is within the limit,
+        only these; for a fixed size, the values that it would need.
     known_after, known_both : bool
-        Some size is within what other knowledge allows (`limit`, `reason`).
+        Whether some size is within the limit known otherwise (`limit`, `reason`).
     limit : tuple of float
     reason : str
     best : dict or None
-        The best size, its ``misfit`` (squared, of the numbers to the paper's) and its arcs
+        The best size, its ``misfit`` (squared differences from the paper's numbers) and its arcs
         ``after`` and ``before``: ``start`` (UTC, s), ``minutes``, ``az_deg``, ``el_deg`` (first,
-        last), what the candidate alone makes of the four numbers, and for "before" the zero
-        offset that is needed.
+        last), the four numbers from the candidate alone, and for "before" the required zero offset.
     """
 
     name: str
@@ -91,7 +90,7 @@ class CandidateResult:
     best: dict
 
     def to_dict(self):
-        """As JSON takes it."""
+        """JSON-ready dict."""
         return dict(vars(self))
 
 
@@ -106,7 +105,7 @@ class _Arcs:
     last: np.ndarray
 
     def numbers(self, sizes):
-        """Mean and std of sizes (m, k): two arrays (m, arcs, 2)."""
+        """Mean and std on each arc for sizes (m, k): two arrays (m, arcs, 2)."""
         mean = np.einsum('aik,mk->mai', self.mean, sizes)
         variance = np.einsum('mk,aikl,ml->mai', sizes, self.covariance, sizes)
         return mean, np.sqrt(np.maximum(variance, 0.0))
@@ -144,7 +143,7 @@ def _running(values):
 
 
 class _Search:
-    """Which sizes of a candidate give the published numbers on some arc."""
+    """Search for sizes of a candidate that reproduce the published numbers on some arc."""
 
     def __init__(self, tracks, candidate, polaris, published, assumptions):
         self.tracks = tracks
@@ -158,7 +157,7 @@ class _Search:
         self.drift = assumptions.drift_arcsec
 
     def after_score(self, sizes):
-        """How far the numbers of "after" are from the paper's, inf where too far: (m, arcs)."""
+        """Misfit of "after" to the paper's numbers, inf if outside the tolerance: (m, arcs)."""
         mean, std = self.arcs.numbers(sizes)
         off = (mean - self.mean) / self.tolerance
         paper = four_numbers(self.published['after'], 'std')
@@ -168,7 +167,7 @@ class _Search:
         return np.where(good, score, np.inf)
 
     def before_score(self, sizes):
-        """The same of "before", where a zero offset gives the means."""
+        """The same for "before", where a free zero offset reproduces the means."""
         mean, std = self.arcs.numbers(sizes)
         zero = four_numbers(self.published['before'], 'mean') - mean
         score = np.sum((std / four_numbers(self.published['before'], 'std') - 1.0) ** 2, axis=2)
@@ -178,7 +177,7 @@ class _Search:
         return np.where(good, score, np.inf)
 
     def describe(self, size, number):
-        """One arc, and what the candidate makes of the numbers there."""
+        """Description of one arc, with the numbers from the candidate."""
         _, az, el, _ = self.tracks[self.arcs.track[number]]
         ends = [self.arcs.first[number], self.arcs.last[number]]
         mean, std = (v[0, number] for v in self.arcs.numbers(size[None]))
@@ -192,7 +191,7 @@ class _Search:
         }
 
     def also_before(self, sizes):
-        """Those of sizes (m, k) that give "before" on some arc."""
+        """The sizes, of (m, k), that reproduce "before" on some arc."""
         return sizes[np.isfinite(self.before_score(sizes)).any(axis=1)]
 
     # one size: intervals on every arc, closed
@@ -254,7 +253,7 @@ class _Search:
 
 
 def _merged(low, high):
-    """Disjoint intervals that cover the same as many."""
+    """Union of intervals as disjoint intervals."""
     good = low <= high
     out = []
     for a, b in sorted(zip(low[good], high[good])):
@@ -266,7 +265,7 @@ def _merged(low, high):
 
 
 def _closed(intervals):
-    """Without the gaps that come from the grid of arcs."""
+    """Close the gaps between intervals that come from the grid of arcs."""
     out = []
     for a, b in intervals:
         if out and a - out[-1][1] <= _GAP * max(abs(a), abs(out[-1][1])):
@@ -286,7 +285,7 @@ def _ranges(sizes):
 
 
 def _spread_out(intervals):
-    """Sizes inside intervals, to look for the best."""
+    """Grid of sizes in the intervals, to search for the best."""
     sizes = [np.linspace(a, b, _TRIED) for a, b in intervals]
     return np.unique(np.concatenate([*sizes, np.empty(0)]))[:, None]
 

@@ -75,7 +75,7 @@ NAMESPACE = '/mount'
 
 
 def prefix():
-    """Of the package as colcon built it, None where it is not there."""
+    """Install prefix of the package built by colcon, None if there is none."""
     return next((Path(path) for path in os.environ.get('AMENT_PREFIX_PATH', '').split(':')
                  if path and Path(path, 'lib/telescope_mount').is_dir()), None)
 
@@ -96,14 +96,14 @@ def _listens():
 
 
 class Started:
-    """What was started, whose processes are known by a word in their environment.
+    """A started night; its processes are identified by a token in their environment.
 
     Parameters
     ----------
     way : str
         One of `WAYS`.
     folder : Path
-        For all that it writes.
+        Folder for its output.
     """
 
     def __init__(self, way, folder):
@@ -150,7 +150,7 @@ class Started:
                  'display:=false', 'stars:=8', 'polaris:=4']]
 
     def processes(self):
-        """Ids of all that belong to it."""
+        """Ids of all its processes."""
         found = []
         for entry in filter(str.isdigit, os.listdir('/proc')):
             with suppress(OSError):
@@ -159,7 +159,7 @@ class Started:
         return found
 
     def after(self, seconds):
-        """Wait until so long after its begin, or until its first has ended."""
+        """Wait until `seconds` after its start, or until its first child has ended."""
         with suppress(subprocess.TimeoutExpired):
             self.children[0].wait(max(0.0, self.began + seconds - time.monotonic()))
 
@@ -176,7 +176,7 @@ class Started:
             child.send_signal(number)
 
     def end(self):
-        """Exit codes, and what each said."""
+        """Wait for the end: exit codes, outputs, and ids of processes that had to be killed."""
         codes, last = [], time.monotonic() + END
         for child in self.children:
             try:
@@ -199,7 +199,7 @@ class Started:
 
 
 def names():
-    """What is in `/dev/shm` of domains."""
+    """Files of DDS domains in `/dev/shm`."""
     found = set()
     for name in os.listdir(SHM):
         port = PORT.match(name)
@@ -209,7 +209,7 @@ def names():
 
 
 def in_use(processes=None):
-    """Names in `/dev/shm` that a process, by default any, has mapped or open."""
+    """Files in `/dev/shm` that some processes (default: any) have mapped or open."""
     found = set()
     for entry in filter(str.isdigit, os.listdir('/proc')) if processes is None else processes:
         with suppress(OSError):
@@ -222,7 +222,7 @@ def in_use(processes=None):
 
 
 def closed(bag):
-    """Whether `telescope-mount info` calls a log whole; None where there is none."""
+    """Whether a log is complete according to `telescope-mount info`; None if there is no log."""
     if not list(bag.glob('*.mcap')):
         return None
     return subprocess.run([sys.executable, '-m', 'telescope_mount.cli', 'info', str(bag)],
@@ -230,12 +230,12 @@ def closed(bag):
 
 
 def early(text):
-    """Whether Python itself was told to end, on its way to the package."""
+    """Whether Python was interrupted before it ran code of the package."""
     return 'KeyboardInterrupt' in text and not OURS.search(text)
 
 
 def stopped(way, told, folder, moment):
-    """One night that gets signals; what is wrong, a list of sentences, and facts."""
+    """Run one night that gets signals; a list of failures, and facts."""
     night = Started(way, folder)
     night.after(moment)
     own = in_use(night.processes())

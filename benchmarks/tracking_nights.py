@@ -39,13 +39,13 @@ HOUR = 3_600_000_000_000
 EVENING_STARS = 40
 
 
-#: how stars and places are drawn: ``area``, alike all over the sky between 20 and 85 degrees;
-#: ``elevation``, alike in elevation between 20 and 88 degrees
+#: distribution of stars and places: ``area``, uniform on the sky between 20 and 85 degrees;
+#: ``elevation``, uniform in elevation between 20 and 88 degrees
 DRAWN = 'area'
 
 
 def sky(rng, n):
-    """Azimuths and elevations as `DRAWN` says."""
+    """Random azimuths and elevations, distributed as in `DRAWN`."""
     az = rng.uniform(0.0, 2.0 * np.pi, n)
     if DRAWN == 'elevation':
         return az, rng.uniform(20 * DEG, 88 * DEG, n)
@@ -53,41 +53,43 @@ def sky(rng, n):
 
 
 def columns(az, el):
-    """Shape (n, 2, k)."""
+    """Design matrix of the terms, shape (n, 2, k)."""
     return np.stack(design(NAMES, az, el), axis=1)
 
 
 @cache
 def grid():
-    """Columns of places that stand for the sky."""
+    """Design matrix of places that sample the sky."""
     return columns(*sky(np.random.default_rng(5), PLACES))
 
 
 def radial(off):
-    """Mean and mean square over the sky of the error of terms that are off by so much, rad."""
+    """Mean and mean square of the radial error over the sky for errors `off` of the terms, rad."""
     length = np.hypot(*(grid() @ off).T)
     return length.mean(), np.mean(length**2)
 
 
 @dataclass
 class Truth:
-    """How a night is.
+    """Parameters of a night.
 
     Attributes
     ----------
     rate, tilt : float
-        Walk of the zeros and of the lean, rad in the root of an hour.
+        Random walk of the zeros and of the tilt, rad per square root of an hour.
     noise : float
         Of a star, rad, in each of x and y.
     jump : float or None
-        h, when an axis jumps by 20 to 60 arcsec.
+        Time when an axis jumps by 20 to 60 arcsec, h.
     drift : {'walk', 'settling', 'sine', 'changing'}
-        A random walk; zeros that settle by ten rates with 1.5 h; that swing by four rates in an
-        hour; whose rate is a third in the first half and thrice in the second.
+        Random walk; zeros settling by ten times the rate with a time constant of 1.5 h; zeros
+        oscillating by four times the rate with a period of an hour; random walk with a third of the
+        rate in the first half and three times the rate in the second.
     colour : {'white', 'ar1', 't4'}
-        Noise of the stars: AR(1) of 0.6; Student's t of four degrees of freedom (same variance).
+        Noise of the stars: white; AR(1) with 0.6; Student's t with four degrees of freedom (same
+        variance).
     wrong : float
-        Part of wrong stars.
+        Fraction of wrong stars.
     """
 
     rate: float
@@ -109,7 +111,7 @@ class Truth:
 
 
 class Night:
-    """A night that has been: stars, and the terms (beyond `BASE`) between them."""
+    """A simulated night: its stars, and the true terms (minus `BASE`) between them."""
 
     def __init__(self, truth, rng):
         self.truth = truth
@@ -164,21 +166,21 @@ class Night:
         return t.noise * noise
 
     def model(self):
-        """The model of the evening."""
+        """The evening's model."""
         return PointingModel(dict(zip(NAMES, BASE + self.evening)), self.evening_covariance)
 
     def linear(self, k):
-        """A star's offset without that of `BASE`, in first order of what is beyond it."""
+        """A star's offset minus that of `BASE`: to first order, the offset by the other terms."""
         base = PointingModel(dict(zip(NAMES, BASE))).offsets(self.az[k], self.el[k])
         return self.offsets[k] - np.array(base)
 
     def others(self):
-        """Terms in force before each star, of what is compared with; each shape (stars, k).
+        """Active terms before each star for the methods compared, each shape (stars, k).
 
         Returns
         -------
         dict of str to ndarray
-            ``a`` the model of the evening; ``b`` a refit of all stars so far and the evening's;
+            ``a`` the evening's model; ``b`` a refit of all stars so far and the evening's;
             ``c`` a filter that knows rates and jump times; ``d`` both zeros reset on the last star.
         """
         t = self.truth
@@ -210,7 +212,7 @@ class Night:
         Parameters
         ----------
         terms : ndarray, shape (stars, k)
-            In force before each, beyond `BASE`.
+            Active before each star, minus `BASE`.
 
         Returns
         -------

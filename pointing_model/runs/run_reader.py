@@ -79,7 +79,7 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         Replaces the mount of the file, see `mounts.parse_mount`.
     equinox : {'j2000', 'date'}, optional
         Equinox of ``ra_deg, dec_deg``: J2000 (ICRS), or apparent places of date. By default as the
-        file declares, else the one that fits better.
+        file declares, else ICRS, or for exports of TheSky and TPOINT the one that fits better.
 
     Returns
     -------

@@ -53,7 +53,7 @@ def read(path, lines):
     degrees are through the pole), and those of the image centre from its WCS. For an alt-azimuth
     mount (``# altaz``) it has azimuth and altitude of both; RTS2 counts azimuth from south through
     west. Angles are in degrees. A comment ``# frame: of date`` declares the frame of the true
-    places (default: the one that fits better).
+    places; without it they are taken as ICRS, which a fit then checks.
 
     Parameters
     ----------
