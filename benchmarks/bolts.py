@@ -86,7 +86,7 @@ class Bolted:
         return float(2.0 * np.arcsin(0.5 * np.linalg.norm(self.base.apply(pole) - pole)))
 
     def looks(self, first, second):
-        """East, north, up where it looks with these readings, shape (n, 3)."""
+        """Pointing directions (east, north, up) at given readings, shape (n, 3)."""
         seen = self.base.apply(self._tube.boresight(first, second))
         low = np.arctan2(seen[:, 0], seen[:, 1]), np.arcsin(seen[:, 2])
         return self._sag.boresight(*low)
@@ -139,7 +139,7 @@ def made(rng, latitude, kind, off, unlevel):
 
 def rounds(rng, latitude, kind='german', off=5.0 * DEG, unlevel=0.0, count=3, rows=40,
            noise=2.0 * ARCSEC, first_order=False):
-    """How far an axis is from its pole, before and after each round, and the sigma of each fit.
+    """Distance of an axis from the pole before and after each round, and sigma of each fit.
 
     Returns
     -------

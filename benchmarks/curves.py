@@ -119,7 +119,7 @@ def of_frames(size):
 
 
 def of_season(size):
-    """Nights of a season: their wander, and what it follows."""
+    """Nights of a season: drift of the terms, and its causes."""
     from season import season
 
     from calibration.analysis.season.season_analysis import analyse_season
@@ -127,7 +127,7 @@ def of_season(size):
 
 
 def of_tracking(size):
-    """A model that follows the mount, star after star."""
+    """Adaptive model, star after star."""
     from calibration.analysis.tracking.tracker import Tracker
     run = make_run(size, 7)
     az, el = run['az'].tolist(), run['el'].tolist()
@@ -196,7 +196,7 @@ def show_curves(curves):
 
 
 def main():
-    """Measure and print; 1 where one is worse than n log n."""
+    """Measure and print; 1 if an operation is worse than n log n."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--only', default='', help='names of operations, by commas')
     args = parser.parse_args()

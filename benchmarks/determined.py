@@ -78,7 +78,7 @@ def look(reading, mount, turns):
 
 
 def readings(first, second, mount, turns):
-    """What the axes read when the mount looks at places of its axes, shape (2, n)."""
+    """Axis readings when the mount points to given axis places, shape (2, n)."""
     wanted = np.array([first, second])
     reading = wanted.copy()
     x, y, z = np.array(mount.frame)
@@ -172,7 +172,7 @@ def simulated(kind, name, seed, given):
 
 
 def judged(kind, name, given, runs, first, checked):
-    """What becomes of some runs of a kind, as lists of what is found in each that is fitted."""
+    """Outcomes of several runs of a kind, and lists of results of those that are fitted."""
     found = {'refused': 0, 'undetermined': [], 'terms': [], 'beyond': [], 'far': [], 'said': []}
     for seed in range(first, first + runs):
         run, truth = simulated(kind, name, seed, given)
@@ -197,7 +197,7 @@ def judged(kind, name, given, runs, first, checked):
 
 
 def share_of(found):
-    """Per cent of the values that are beyond their 95 %, and its standard error by runs."""
+    """Percentage of values outside their 95 % interval, and its standard error over runs."""
     terms, beyond = np.array(found['terms'], float), np.array(found['beyond'], float)
     if not terms.sum():
         return 0.0, np.inf

@@ -101,7 +101,7 @@ def clean_nights(table, args, rng):
 
 
 def _explained(result, entry, s):
-    """Part of the true signal beyond the base that an effect's columns can follow."""
+    """Fraction of the true signal, orthogonal to the base, that an effect can represent."""
     c = result.observations.context
     base = orthonormal(stacked_design(PHYSICAL, c.az, c.el))
     s = np.asarray(s).ravel()
@@ -260,7 +260,7 @@ def _knew(train, test, name):
 
 
 def outside(table, args, rng, size=10.0):
-    """Effects that no dictionary holds."""
+    """Effects that are not in the dictionary."""
     for kind, of_time in (('', False), (' of time', True)):
         names = [n for n, (what, _) in OUTSIDE.items()
                  if (what in ('time', 'temperature', 'order')) is of_time]
@@ -388,7 +388,7 @@ def stream(table, args, rng):
 
 
 def _used(*lines):
-    """CPU seconds and MB of a process of its own."""
+    """CPU seconds and MB of a separate process."""
     code = '\n'.join((*lines, 'import resource; u = resource.getrusage(resource.RUSAGE_SELF); '
                       'print(u.ru_utime + u.ru_stime, u.ru_maxrss / 1024.0)'))
     out = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)

@@ -40,7 +40,7 @@ WRONG, FAILED = ('wrong', 'harmful'), 'failed'
 
 
 def one_night(name, seed):
-    """What the command says of a night, with the effects that it added."""
+    """Result of the command for a night, with the effects that it added."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             report = close_the_loop(Path(folder) / 'night', scenario=name, seed=seed)

@@ -60,7 +60,7 @@ rclpy.spin(Hangs())
 
 @dataclass
 class Fault:
-    """What fails, and what is asked of it.
+    """A fault, and what must be reported.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ FULL = 9.0
 
 
 def cli(*words):
-    """A `telescope-mount`."""
+    """Start a `telescope-mount` command."""
     return subprocess.Popen(
         [sys.executable, '-m', 'telescope_mount.cli', *map(str, words), '--domain',
          str(LOCK.number)],
@@ -55,7 +55,7 @@ def cli(*words):
 
 
 def end_one(way, telescope, folder):
-    """Seconds to rest, way gone (deg), where it stands (deg), exit code and last lines."""
+    """Seconds to rest, distance moved (deg), final angle (deg), exit code and last lines."""
     params = folder / 'toy.yaml'
     params.write_text((EXAMPLES / 'toy_telescope.yaml').read_text() + ''.join(
         f'/**/{name}:\n  ros__parameters:\n    port: {PORT}\n' for name in DRIVERS))

@@ -56,7 +56,7 @@ def run_of(rng, n, tails, wrong, axes):
 
 
 def figures(n, tails, wrong, axes, runs, before=False):
-    """Shares of terms beyond, of runs with a good row rejected, of wrong stars found; failures."""
+    """Fractions of terms outside, of runs rejecting a good row, of wrong stars found; failures."""
     beyond, good, found, failed = [], 0, 0, 0
     for seed in range(runs):
         run = run_of(np.random.default_rng([n, seed, tails, wrong]), n, tails, wrong, axes)

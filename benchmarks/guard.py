@@ -111,7 +111,7 @@ def skyline(rng):
 
 
 def places(rng, own, count, margin):
-    """Random angles within the travel, so far from everything; fewer where there are none."""
+    """Random angles within the travel, `margin` from all limits; None if there are too few."""
     low, high = own.travel[:, 0], own.travel[:, 1]
     angles = rng.uniform(low, high, (40 * count, 2))
     one = Many([own], np.zeros(len(angles), int))
@@ -182,7 +182,7 @@ def commands(rng, first, count):
 
 
 def judged(case, spent, spent_on_plans):
-    """Ask the guard; whether it lets the command pass, and its words."""
+    """Check a command with the guard; whether it is allowed, and the reason."""
     own = case['setting']
     check, sky = own.check, own.sky
     state = AxisState(tuple(case['angles'].tolist()), tuple(case['rates'].tolist()))
@@ -210,7 +210,7 @@ def judged(case, spent, spent_on_plans):
 
 
 def drives(rng, cases):
-    """Shares of speed and acceleration that each axis uses, and what it waits before."""
+    """Fractions of speed and acceleration that each axis uses, and its delay."""
     timing = np.array([c['setting'].timing for c in cases])
     low = np.where(timing, timing, 1.0)[:, None, None]
     shares = low + (1.0 - low) * rng.random((len(cases), 2, 2))
@@ -221,7 +221,7 @@ def drives(rng, cases):
 
 
 def allowed(case):
-    """Whether some way leads to what was asked for, far from everything, on some turn."""
+    """Whether a way to the requested track exists, far from all limits, on some turn."""
     own, (times, angles, rates) = case['setting'], case['asked']
     if not (np.isfinite(angles).all() and np.isfinite(rates).all()) or np.any(
             np.diff(times) <= 0) or times[0] > 0.0 or not 0.0 <= times[-1] <= 3600.0 or np.abs(

@@ -52,7 +52,7 @@ TARGETS = {'commander': 'stop 0.5 s', 'encoder_driver': 'ERROR 1 s',
 
 
 class Telescope:
-    """How the axes move, from the port: time, first angle and rate, deg, 100 times a second."""
+    """Records the axes from the port: time, first angle and rate, deg, 100 times a second."""
 
     def __init__(self):
         self.rows, self._on = [], True
@@ -66,7 +66,7 @@ class Telescope:
         threading.Thread(target=self._look, daemon=True).start()
 
     def ask(self, line):
-        """A line, and its answer."""
+        """Send a line; return the answer."""
         print(line, file=self.file, flush=True)
         return self.file.readline()
 
@@ -77,12 +77,12 @@ class Telescope:
             time.sleep(0.01)  # the resolution of the times that are measured
 
     def close(self):
-        """Look no more."""
+        """Stop recording."""
         self._on = False
 
 
 class Listener:
-    """The guard's states as they come."""
+    """Records the guard's states."""
 
     def __init__(self):
         self.told, self.commands, self._context = [], [], Context()
@@ -104,12 +104,12 @@ class Listener:
 
     @property
     def state(self):
-        """The last one."""
+        """The last state."""
         return self.told[-1][1] if self.told else ''
 
 
 def command():
-    """Ask for a place far from here, then for one there, as an observer asks."""
+    """Request a distant place, then one near it, like an observer."""
     context = Context()
     rclpy.init(context=context, domain_id=DOMAIN)
     node = Node('commander', context=context, namespace='/mount')
@@ -128,7 +128,7 @@ def command():
 
 
 def start(name, *extra):
-    """A process of the graph."""
+    """Start a process of the graph."""
     env = os.environ | {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                         'PYTHONPATH': str(ROOT)}
     space = ['--ros-args', '-r', '__ns:=/mount']
@@ -146,7 +146,7 @@ def start(name, *extra):
 
 
 def wait(until, seconds=60.0):
-    """Until something holds; whether it did."""
+    """Wait until a condition holds; return whether it does."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if until():
@@ -156,7 +156,7 @@ def wait(until, seconds=60.0):
 
 
 def kill_one(name, running, telescope, listener, number):
-    """Kill a process amid a slew: seconds to the guard's stop and until the mount is at rest."""
+    """Kill a process during a slew: seconds until the guard's stop, and until the mount rests."""
     place = 100.0 + SLEW * (number % 2)
     running['commander'] = start('commander', str(place))
     if not wait(lambda: telescope.rows and abs(telescope.rows[-1][2]) > 8.0):
@@ -183,7 +183,7 @@ def kill_one(name, running, telescope, listener, number):
 
 
 def quiet(seconds, busy, listener, running):
-    """What the guard says beside busy loops while nothing is wrong."""
+    """Messages of the guard beside busy loops while nothing is wrong."""
     loops = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(busy)]
     try:
         running['commander'] = start('commander', '170')

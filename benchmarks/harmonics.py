@@ -53,7 +53,7 @@ PATIENCE = 120.0
 
 
 def drawn_run(reading, seed):
-    """A run through a mount with harmonics alone, and the coefficients (26,), rad."""
+    """A run with errors by harmonics only, and the coefficients (26,), rad."""
     rng = np.random.default_rng([14, INTERPRETATIONS.index(reading), seed])
     truth = rng.normal(size=2 * COUNT) * DRAWN
     az = rng.uniform(0.0, 2.0 * np.pi, STARS)
@@ -69,13 +69,13 @@ def drawn_run(reading, seed):
 
 
 def parameters(reading):
-    """Of the calibration: harmonics alone, degree fixed, no direction left out."""
+    """Parameters of the calibration: only harmonics, fixed degree, no direction excluded."""
     return {'harmonics': reading, 'harmonics_alone': True, 'harmonics_degree': 4,
             'harmonics_rcond': 1e-12}
 
 
 def write(folder, reading, seed):
-    """The run as a file, and the coefficients."""
+    """Write the run as a file; return the coefficients."""
     from pointing_model.runs.formats.csv import write_csv
     run, truth = drawn_run(reading, seed)
     file = folder / f'{reading}_{seed}.csv'
@@ -125,7 +125,7 @@ def through_player(file, reading, domain):
 
 
 def within_sigma(folder, runs):
-    """Print the share of coefficients within one sigma; whether it is as it must be."""
+    """Print the fraction of coefficients within one sigma; return whether it meets the target."""
     from telescope_mount import domain
     lock, good = domain.claim(), True
     try:
@@ -153,7 +153,7 @@ def within_sigma(folder, runs):
 
 
 def to_the_bit(folder):
-    """A run of each reading through processes and a log; whether replay and verify agree."""
+    """A run for each reading through processes and a log; whether replay and verify agree."""
     from msg_tools import topics
     from telescope_mount.graph import measured_graph
     from telescope_mount.log_check import verify_log
@@ -178,7 +178,7 @@ def to_the_bit(folder):
 
 
 def nights(folder, reading):
-    """The eleven nights with harmonics alone in force: means after calibration by night."""
+    """The eleven nights with only harmonics active: means after calibration by night."""
     from telescope_mount.graph import night_graph
     from telescope_mount.papers.experiment import DRIFTS, REFERENCE_AGE, START, experiment_plan
     from telescope_mount.papers.table_1 import PAPER_TABLE_1, statistics

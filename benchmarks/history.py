@@ -28,7 +28,7 @@ SLOWER = 0.25
 
 
 def processor():
-    """What is known of this machine's processor: its name and numpy's widest vectors on it."""
+    """Name of this machine's processor, and numpy's widest vectors on it."""
     name = platform.processor() or platform.machine()
     try:
         lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
@@ -55,7 +55,7 @@ class History:
         self._of = json.loads(path.read_text())['ratios'] if path.exists() else {}
 
     def ratio(self, key):
-        """What a line is judged by; None where nothing is known of it."""
+        """Reference ratio for a line; None if there is none."""
         known = [ratios[key] for ratios in self._of.values() if key in ratios]
         return self._of.get(self._here, {}).get(key, min(known, default=None))
 
@@ -65,7 +65,7 @@ class History:
                 and row.ratio < (self.ratio(row.key) or 0.0) / (1.0 + SLOWER)}
 
     def record(self, rows):
-        """Write those of this processor beside a peer; seconds beside a limit are the machine's."""
+        """Record the ratios to peers for this processor, without times against a limit."""
         here = self._of.setdefault(self._here, {})
         here |= {row.key: round(row.ratio, 3) for row in rows
                  if row.ratio is not None and not row.peer.startswith('limit')}

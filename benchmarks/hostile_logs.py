@@ -40,7 +40,7 @@ def odd_message(i):
 
 
 def record(opcode, body, length=None):
-    """A record; `length` may lie."""
+    """A record; `length` may be wrong."""
     return struct.pack('<BQ', opcode, len(body) if length is None else length) + body
 
 
@@ -51,7 +51,7 @@ def text(data):
 
 
 def chunk(raw, compression, data, claimed=None, times=(0, 10)):
-    """A chunk of `data`, said to hold `claimed` bytes."""
+    """A chunk of `data` with a claimed uncompressed size of `claimed` bytes."""
     size = len(raw) if claimed is None else claimed
     return record(6, struct.pack('<QQQI', *times, size, 0) + text(compression)
                   + struct.pack('<Q', len(data)) + data)

@@ -37,7 +37,7 @@ _QUEUE = 5000
 
 
 def why_not():
-    """Why there can be no hosts here, in a sentence; '' where there can."""
+    """Why hosts cannot be made on this machine, in a sentence; '' if they can."""
     if os.geteuid() != 0:
         return 'network namespaces need root'
     for tool in ('ip', 'nsenter'):
@@ -80,7 +80,7 @@ class Host:
             raise
 
     def connect(self, device):
-        """Take a network device for its own."""
+        """Move a network device into the namespace."""
         _ip('link', 'set', device, 'netns', self.name)
         _ip('-n', self.name, 'addr', 'add', f'{self.address}/24', 'dev', device)
         _ip('-n', self.name, 'link', 'set', device, 'up')
@@ -96,7 +96,7 @@ class Host:
         return subprocess.Popen(self.inside(*command), **options)
 
     def close(self):
-        """Take it away; what runs in it must have ended."""
+        """Remove the namespace; its processes must have ended."""
         if self._keeper is not None:
             self._keeper.kill()
             self._keeper.communicate()

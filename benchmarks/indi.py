@@ -69,7 +69,7 @@ def survey(seed, pointings, checks, period_ms=100):
 
 
 def judge(terms, run, checks):
-    """Errors of the terms, what is left by both hypotheses, blind errors; arcsec."""
+    """Errors of the terms, residuals of both hypotheses, blind errors; arcsec."""
     names = tuple(MODEL)
     origin = origin_of_errors(run, names)
     fit = fit_terms(with_errors(run, ON_SKY), names)

@@ -59,7 +59,7 @@ AFTER = 3.0
 
 
 def command():
-    """Ask for a star, as an observer asks."""
+    """Request a star, like an observer."""
     context = Context()
     rclpy.init(context=context, domain_id=DOMAIN)
     node = Node('commander', context=context, namespace='/mount')
@@ -79,7 +79,7 @@ def command():
 
 
 class Axes:
-    """What a client of its own hears of the simulator: time, property and what it says."""
+    """Records the simulator through a separate client: time, property and value."""
 
     def __init__(self, port):
         self.rows, self.said, self.state = [], [], ''
@@ -98,11 +98,11 @@ class Axes:
 
     @property
     def slewing(self):
-        """Whether the driver says that it is under way."""
+        """Whether the driver reports a slew."""
         return self.state == 'Busy'
 
     def rate(self):
-        """Of the faster axis, deg/s, over the last two ticks."""
+        """Rate of the faster axis, deg/s, over the last two ticks."""
         if len(self.rows) < 2:
             return 0.0
         (t0, *a), (t1, *b) = self.rows[-2:]
@@ -119,7 +119,7 @@ class Graph:
             sky={}, slews=SIMULATED)}
 
     def start(self, name, *extra):
-        """Start one, in the place of the one that was."""
+        """Start a process, replacing an earlier one."""
         env = os.environ | {'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': str(ROOT),
                             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
         if name == 'commander':
@@ -137,18 +137,18 @@ class Graph:
                                               stderr=subprocess.DEVNULL)
 
     def kill(self, name):
-        """End one at once."""
+        """Kill a process."""
         self.running[name].send_signal(signal.SIGKILL)
         self.running[name].wait()
 
     def close(self):
-        """End all."""
+        """End all processes."""
         for process in self.running.values():
             process.kill()
 
 
 def kill_one(name, graph, axes, listener, number, verbose):
-    """Kill a process amid a slew: s to the guard's stop, to the abort, and until the axes stand."""
+    """Kill a process during a slew: s to the guard's stop, to the abort, and to rest."""
     graph.start('commander', *PLACES[number % 2])
     if not wait(lambda: listener.state in ('following', 'around'), 20.0):
         graph.kill('commander')  # the others have not found it
@@ -182,7 +182,7 @@ def kill_one(name, graph, axes, listener, number, verbose):
 
 
 def quiet(seconds, busy, graph, axes, listener):
-    """What the guard says beside busy loops while nothing is wrong."""
+    """Messages of the guard beside busy loops while nothing is wrong."""
     loops = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(busy)]
     try:
         graph.start('commander', *PLACES[0])

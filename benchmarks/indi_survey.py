@@ -74,7 +74,7 @@ def places(count, seed, latitude, hour_angles=(3.0 * DEG, 60.0 * DEG), south=-25
 
 
 class Survey:
-    """Points a telescope and notes its axes and where it looks, at the tick of its arrival.
+    """Points a telescope and records axes and true pointing at the tick of its arrival.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Survey:
         self._news, self._ticks = threading.Condition(), []
 
     def take(self, tick):
-        """As `tick` of `indi_telescope.Ticks`."""
+        """See `tick` of `indi_telescope.Ticks`."""
         with self._news:
             self._ticks.append(tick)
             self._news.notify_all()

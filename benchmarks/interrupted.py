@@ -44,7 +44,7 @@ NAMES = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration')
 
 
 def run(after, whole, seed):
-    """One night that is interrupted `after` so many observations.
+    """One night, interrupted after `after` observations.
 
     Returns
     -------

@@ -66,7 +66,7 @@ RHO = 0.6
 
 
 def quiet(seed):
-    """The default scenario, its incremental encoders as quiet at a power-on as the absolute ones.
+    """The default scenario with small zero changes at a power-on for both encoders.
 
     Returns the scenario and the changes of the zeros, {encoder: (2,)}, of the second night, rad.
     """
@@ -85,7 +85,7 @@ def with_zeros(scenario, zeros):
 
 
 def pair(seed, axis, jump):
-    """A night and the one after it, at whose power-on the zeros of an axis, or the mount, jump."""
+    """Two nights, with a jump of an axis's zeros, or of the mount, at the second power-on."""
     scenario, zeros = quiet(seed)
     before = with_zeros(scenario, {name: np.zeros(2) for name in zeros})
     for name, value in zip(('incremental', 'absolute'), jump):
@@ -97,7 +97,7 @@ def pair(seed, axis, jump):
 
 
 def jumps(cause, absolute, difference, sigmas, rng):
-    """(incremental, absolute, mount) of a jump by `cause`, of so many sigma, rad."""
+    """Jump by `cause` of `sigmas` sigma: (incremental, absolute, mount), rad."""
     size = rng.choice([-1.0, 1.0]) * sigmas * absolute
     if cause == BOTH:
         # against each other, or to one side by as many sigma of their difference
@@ -108,7 +108,7 @@ def jumps(cause, absolute, difference, sigmas, rng):
 
 
 class Known:
-    """Who knows the moment of a jump, and the noise.
+    """Peer that knows the moment of a jump and the noise.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class Known:
         self.sigma = np.sqrt(np.diag(covariance))
 
     def best(self, sizes):
-        """The cause, as the calibration decides, and by how many sigma anything moved."""
+        """The cause, decided as in the calibration, and the size of the jump in sigma."""
         sizes = np.asarray(sizes)
         gains = {BOTH: sizes @ self.inverse @ sizes - self.toll**2}
         for name, ratio in self.ratios.items():
@@ -134,7 +134,7 @@ class Known:
 
 
 def inside(rows, model, axis, since):
-    """Sizes of a step at a row, as fitted, of both differences, and a `Known` of it."""
+    """Fitted sizes of a step at a row in both differences, and the `Known` for it."""
     night = CrossCheckNight(rows, None)
     sky = night.sky([], model, [])
     column = np.where(np.arange(len(rows)) >= since, 1.0, 0.0)
@@ -151,13 +151,13 @@ def inside(rows, model, axis, since):
 
 
 def last(base, column, y, noise):
-    """The last coefficient of a fit with that noise, and its sigma."""
+    """The last coefficient of a fit with this noise, and its sigma."""
     inverse = np.linalg.pinv(np.column_stack([np.asarray(base).T, column]) / noise[:, None], 1e-9)
     return float(inverse[-1] @ (y / noise)), float(np.linalg.norm(inverse[-1]))
 
 
 def one_jump(cause, when, sigmas, night_to_night, seed):
-    """What is named of a jump, by who knows the moment, whether he is beyond chance; any alarm."""
+    """Causes named by the calibration and the two peers for one jump; whether there is an alarm."""
     rng = np.random.default_rng([seed, 3])
     axis = int(rng.integers(2))
     noise, usual = night_to_night
@@ -196,7 +196,7 @@ def one_jump(cause, when, sigmas, night_to_night, seed):
 def night_to_night(first, count=20):
     """1 sigma of absolute - sky and of incremental - absolute, (axis, 2), rad.
 
-    The median of nights without a jump: the noise, and with what is usual of the encoders.
+    Median of nights without a jump: the noise alone, and with the usual changes of the encoders.
     """
     found = []
     for seed in range(first, first + count):
@@ -245,7 +245,7 @@ def _row(cause, when, low, high, sigma, seeds):
 
 
 class OtherNoise(Night):
-    """A night whose noise resembles that of the row before, by `RHO`.
+    """A night with AR(1) noise of coefficient `RHO`.
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ def arc(folder):
 
 
 class League:
-    """A run with its pool, and each method on rows left out."""
+    """A run with its pool, and each method on held-out rows."""
 
     def __init__(self, path, options):
         run = load_run(path, **options)
@@ -131,7 +131,7 @@ class League:
         return random_folds(self.problem.group, FOLDS, np.random.default_rng(seed))
 
     def rms(self, method, folds, seed):
-        """Radial RMS of all rows left out, arcsec; None where the method cannot."""
+        """Cross-validated radial RMS of all rows, arcsec; None if the method is not applicable."""
         if method in ('terms', 'ours'):
             left, _ = rows_left_out(self.problem, folds)
             return _rms(left[int(method == 'ours')])
@@ -266,7 +266,7 @@ def measure(folder, only, methods, say=print):
 
 
 def table(found):
-    """The league as Markdown lines."""
+    """The comparison as Markdown lines."""
     rows, methods = {}, [m for m in METHODS if any(
         m in entry for runs in found.values() for entry in runs.values())]
     for telescope, runs in found.items():

@@ -53,7 +53,7 @@ keywords: {{time: DATE-OBS, ha_enc_deg: HA, dec_enc_deg: DEC}}
 
 
 def image(folder, number, bolted, first, second, seconds):
-    """Draw what the mount looks at; the image comes to lie there whole."""
+    """Draw the field of the mount; the image file appears complete."""
     east, north, up = bolted.looks(first, second)[0]
     moment = START + seconds
     ra, dec = observed_to_icrs(np.arctan2(east, north), np.arcsin(up), moment,
@@ -66,13 +66,13 @@ def image(folder, number, bolted, first, second, seconds):
 
 
 def altitude_and_azimuth(bolted):
-    """Of the axis, its end above the horizon, rad."""
+    """Altitude and azimuth of the axis, for its end above the horizon, rad."""
     east, north, up = bolted.base.apply(bolted.mount.frame[2]) * np.sign(bolted.latitude)
     return np.arctan2(east, north), np.arcsin(up)
 
 
 def one_mount(rng, latitude, wrong=False):
-    """Images of one mount through the command: what it told, and the truth of each image."""
+    """Images of one mount through the command: its results, and the truth for each image."""
     bolted = Bolted(latitude * DEG, 'equatorial', UP, dict(zip(
         ('ia', 'ie', 'ca', 'npae'), rng.normal(0.0, 600.0 * ARCSEC, 4))))
     turns = rng.uniform(1.0, 3.0, 2) * DEG * np.array([1.0 / np.cos(bolted.latitude), 1.0])

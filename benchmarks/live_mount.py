@@ -138,7 +138,7 @@ class LiveMount:
                                  topics.COMMAND.qos)
 
     def offer_home(self):
-        """From now on."""
+        """Offer the service."""
         self._node.create_service(Trigger, 'home', self._on_home)
 
     def _on_home(self, request, response):
@@ -276,16 +276,16 @@ class Night:
             self.nodes.start(self.specs[name])
 
     def progress(self):
-        """Of the observer."""
+        """Progress of the observer."""
         return Progress.read(self.watcher.latest.get(topics.OBSERVER_STATUS.name))
 
     def text(self):
-        """Of the observer's status."""
+        """Text of the observer's status."""
         status = self.watcher.latest.get(topics.OBSERVER_STATUS.name)
         return '' if status is None else status.message
 
     def until(self, condition, timeout):
-        """Go on until `condition()`; whether it came."""
+        """Continue until `condition()`; return whether it became true."""
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > deadline:
@@ -295,7 +295,7 @@ class Night:
         return True
 
     def lasts(self, seconds):
-        """Go on for a time."""
+        """Continue for a time."""
         self.until(lambda: False, seconds)
 
     def log(self, name):

@@ -61,13 +61,13 @@ PATIENCE = 60.0
 
 
 def drive(name):
-    """A driver: readings at the parameter `rate_hz`, each stamped with the moment it is due."""
+    """A driver: readings at the parameter `rate_hz`, each stamped with its scheduled time."""
     from msg_tools import convert, topics
     from msg_tools.node import MountNode, Param
     from msg_tools.node_process import run_node
 
     class Driver(MountNode):
-        """Of one encoder."""
+        """Driver of one encoder."""
 
         def __init__(self):
             super().__init__(name, (Param('rate_hz', 1000.0, 'readings a second [Hz]', 1.0, 1e5),),
@@ -144,7 +144,7 @@ def processor_time(pid):
 
 
 def _shares(before, after, seconds):
-    """Per cent of the time, by name."""
+    """Percentage of the time, by name."""
     return {name: [100.0 * (b - a) / seconds for a, b in zip(before[name], after[name])]
             for name in before}
 
@@ -158,7 +158,7 @@ def _percentile(values, share):
 
 
 def start_up():
-    """Of a simulated night: seconds of this process' imports, of the nodes', until all match."""
+    """Simulated night: seconds for this process' imports, for the nodes', and until all match."""
     begun = float(os.environ['LOAD_BEGUN'])
     from msg_tools import NAMESPACE
     from msg_tools.readiness import unmatched
@@ -185,7 +185,7 @@ def start_up():
 
 
 def die_with_parent():
-    """What a child does before all else, so that no driver outlives a graph that was killed."""
+    """Run first in a child, so that no driver outlives a graph that was killed."""
     prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
 
     def prepare():
@@ -288,7 +288,7 @@ def at_rate(rate, seconds):
 
 
 def recorded(seconds, rate, sources):
-    """What the logger has of a flood, and what it and its sources use."""
+    """Messages of a flood that the logger has, and resources of the logger and its sources."""
     from telescope_mount import domain
     from telescope_mount.commands.info import log_info
     from telescope_mount.graph import NODES, NodeSpec
@@ -340,7 +340,7 @@ def recorded(seconds, rate, sources):
 
 
 def _child(*args, tree=HERE):
-    """A measurement in a process of its own, as a user would start it; a dict."""
+    """A measurement in a separate process, as a user would start it; a dict."""
     options = run_options(tree)
     options['env']['LOAD_BEGUN'] = repr(time.time())
     done = subprocess.run(
@@ -387,7 +387,7 @@ FULL = {'rates': RATES, 'seconds': 30.0, 'starts': 5, 'flooded': 30.0}
 
 
 def tell(at_rates, starts, flooded):
-    """For people."""
+    """Print the results."""
     if at_rates:
         print('two encoders, five nodes and this reader; delays in ms; p99: median and best\n'
               'window of 1 s, and of all; DDS: from publishing to the callback')
@@ -422,7 +422,7 @@ def tell(at_rates, starts, flooded):
 
 
 def main():
-    """Run what was asked for."""
+    """Run the requested parts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--full', action='store_true')
     parser.add_argument('--rates', type=int, nargs='*', metavar='HZ')
@@ -445,7 +445,7 @@ def main():
 
 
 def be_child(what, *args):
-    """What `--child` asks for."""
+    """Run as the child given by `--child`."""
     if what == 'drive':
         drive(args[0])
     elif what == 'flood':

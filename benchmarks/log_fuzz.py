@@ -51,14 +51,14 @@ MEMORY = 500 * 10**6
 
 
 class TooLong(BaseException):
-    """An input took more processor time than it may."""
+    """An input exceeded its CPU time."""
 
 
 # --- what an input must survive ------------------------------------------------------------------
 
 
 def _light(path, scratch):
-    """Steps, each with its own time."""
+    """Steps, each with its own time limit."""
     def read(decode):
         for message in open_bag(path).messages(decode=decode):
             assert decode or isinstance(message.data, bytes)
@@ -92,7 +92,7 @@ def _one_line(error):
 
 
 def survives(path, exercise=_full):
-    """None, or what `path` did that no input may do."""
+    """The failure that `path` causes, or None."""
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder, 'scratch')
         scratch.mkdir()
@@ -125,7 +125,7 @@ def _survives_step(step):
 
 
 def limit():
-    """Give this process 500 MB more than it has, and let long inputs end."""
+    """Limit this process to 500 MB more than it has, and stop long inputs."""
     pages = int(Path('/proc/self/statm').read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (most, most))

@@ -69,7 +69,7 @@ def _ours(folder, data, count):
 
 
 def writer(count):
-    """Our writer beside the mcap library, in the same process."""
+    """Our writer and the mcap library, in the same process."""
     data = _payloads()
     with tempfile.TemporaryDirectory() as name:
         rates = []
@@ -83,7 +83,7 @@ def writer(count):
 
 
 def open_large(megabytes, folder):
-    """Open a large log, read its first message, go somewhere; memory of a process of its own."""
+    """Open a large log, read its first message, seek; memory of a separate process."""
     with tempfile.TemporaryDirectory(dir=folder) as name:
         rng = np.random.default_rng(2)
         block = rng.bytes(4096)
@@ -130,7 +130,7 @@ def recompute(bag):
 
 
 def publish(kind, seconds, rate):
-    """The other process: a flood of messages, or two encoders and the night's other topics."""
+    """The publishing process: a flood of messages, or two encoders and the night's other topics."""
     import rclpy
     from rclpy.serialization import serialize_message
 
@@ -169,7 +169,7 @@ def publish(kind, seconds, rate):
 
 
 def record(kind, seconds, rate):
-    """Logger and publisher as processes; processor time of the logger, and what it has."""
+    """Logger and publisher as processes; CPU time of the logger, and the recorded messages."""
     from telescope_mount import domain
     from telescope_mount.dds import dds_environment
     lock = domain.claim()
@@ -204,7 +204,7 @@ def record(kind, seconds, rate):
 
 
 def timing(seconds):
-    """How far from its time each message of a replay at rate 1 is published."""
+    """Timing error of each message in a replay at rate 1."""
     import rclpy
     from rclpy.context import Context
 
@@ -246,7 +246,7 @@ def timing(seconds):
 
 
 def main():
-    """Run what was asked for."""
+    """Run the requested parts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--writer', type=int, nargs='?', const=300_000, metavar='MESSAGES')
     parser.add_argument('--open', type=int, nargs='?', const=2000, metavar='MB')

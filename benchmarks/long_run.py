@@ -43,7 +43,7 @@ LIMIT = 0.02
 
 
 def long_plan(nights):
-    """So many nights, a power-on each."""
+    """Plan of several nights, with a power-on each."""
     night = f'home, stars {STARS}, zero {POLARIS}, calibrate_zero, stars {STARS}, fit'
     return ', wait 24, power_cycle, '.join([night] * nights)
 
@@ -73,7 +73,7 @@ def nodes():
 
 
 def measured(pid):
-    """Memory (kB; `uss` is its own alone), open files and threads of a process."""
+    """Memory (kB; `uss` is unshared), open files and threads of a process."""
     status = Path(f'/proc/{pid}/status').read_text()
     rollup = Path(f'/proc/{pid}/smaps_rollup').read_text()
 
@@ -121,7 +121,7 @@ class Nights:
 
 
 def report(nights, since):
-    """Print the table; how many processes grow by more than the limit."""
+    """Print the table; return the number of processes that grow by more than the limit."""
     since = min(since, len(nights.taken) - 1)
     rows = ROWS * (len(nights.taken) - since)
     print(f'\nfrom the end of night {since} to that of night {len(nights.taken)}, {rows} rows')

@@ -46,7 +46,7 @@ def sexagesimal(text):
 
 
 def records(path):
-    """One dict a star: tag -> list of words."""
+    """One dict per star: tag -> list of words."""
     for part in path.read_text().split('CAT:')[1:]:
         lines = ('CAT:' + part).splitlines()
         yield {tag: rest.split() for tag, _, rest in (line.partition(':') for line in lines)}

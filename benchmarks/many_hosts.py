@@ -58,7 +58,7 @@ CASES = (
 
 
 def environment(**more):
-    """Of nodes that are open to the network, as docs/many_hosts.md has them."""
+    """Environment of nodes that are open to the network, as in docs/many_hosts.md."""
     own = {name: value for name, value in os.environ.items()
            if not name.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))}
     return own | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'} | more
@@ -79,7 +79,7 @@ def start(host, folder, specs, plan='', env=None):
 
 
 def observe(first, second, folder, heard=lambda words: None, env=None):
-    """A night on two hosts, or on one that is given twice.
+    """A night on two hosts, or on one if it is given twice.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def observe(first, second, folder, heard=lambda words: None, env=None):
 
 
 def largest_gap(bag):
-    """s between two diagnostics of the simulator in a log, by when they were sent, at most."""
+    """Longest interval between two diagnostics of the simulator in a log, by send time, s."""
     from msg_tools.bag import BagReader
     times = sorted(
         message.publish_time * 1e-9 for message in BagReader(bag).messages(decode=True)

@@ -42,7 +42,7 @@ MMT = ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv'
 
 
 def mmt(_, seed=0):
-    """The carried night; seven terms."""
+    """The MMT night of this project; seven terms."""
     return diagnose(load_run(MMT), seed=seed), 'x 0.51", el 0.80" with two effects (10-fold)'
 
 
@@ -53,7 +53,7 @@ def spk8m(data, seed=0):
 
 
 def arc35m(data, seed=0):
-    """All runs: the model of 2014 to 2017, judged on 2018 and 2019."""
+    """All runs: the model of 2014 to 2017, validated on 2018 and 2019."""
     files = sorted((data / 'arc35m').glob('*.dat'))
     year = [int(path.name.split('_')[1][:4]) for path in files]
     train, _ = load_runs([p for p, y in zip(files, year) if y <= 2017])

@@ -65,7 +65,7 @@ WHERE = {'catalogue': 'of the catalogue', 'encoders': 'of the encoders',
 
 
 def cases(columns):
-    """Yield kind, where, what must be said, and the columns as they are written."""
+    """Yield kind, place, required text, and the mistaken columns."""
     az, el, az_enc, el_enc = columns
     for kind, (write, said) in KINDS.items():
         for where, text in WHERE.items():
@@ -107,14 +107,14 @@ def telescopes(data):
 
 
 def through_a_file(columns, path):
-    """As a user's file is read: degrees, and rows that the reader leaves out."""
+    """Columns written to a file and read back, without the rows that the reader excludes."""
     rows = np.degrees(np.column_stack(columns))  # as they are: `write_csv` has places on the sky
     np.savetxt(path, rows, '%.12f', ',', header='az_deg,el_deg,az_enc_deg,el_enc_deg', comments='')
     return read_run(path)
 
 
 def outcome(columns, said, own, path):
-    """What becomes of mistaken columns, and the effects that are claimed beyond `own`."""
+    """Outcome for mistaken columns, and number of effects claimed that are not in `own`."""
     try:
         try:
             run = through_a_file(columns, path)
@@ -136,7 +136,7 @@ def outcome(columns, said, own, path):
 
 
 def sets_of(effects):
-    """Names of effects and of what explains the run as well."""
+    """Names of effects and of their equally good alternatives."""
     return {name for e in effects for name in (e.fitted.effect.name, *e.alternatives)}
 
 
@@ -173,7 +173,7 @@ def effects_of(rng, az, el):
 
 
 def right_input(data, nights):
-    """Print how many right runs are refused, and how long a check takes."""
+    """Print how many correct runs are refused, and the time of a check."""
     files = [ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv',
              *sorted(data.glob('arc35m/*.dat')), *sorted(data.glob('iram30m/*.log')),
              *data.glob('spk8m/pmfit_altaz.dat'), *data.glob('mmt/*.dat')]

@@ -96,7 +96,7 @@ def simulated(rng, kind, through, site):
 
 
 def write(path, kind, columns, beyond=None, stars=None, site=None, lst=None):
-    """Write a file; `columns` in degrees as its owner has them, `stars`: ra, dec, moment.
+    """Write a file; `columns` in degrees, `stars`: ra, dec, time.
 
     `lst`: a column of the sidereal time, degrees.
     """
@@ -125,7 +125,7 @@ def write(path, kind, columns, beyond=None, stars=None, site=None, lst=None):
 
 
 def mistakes(kind, lst):
-    """Yield name, where, what must be said, and what is done to (a, e) of both pairs, degrees.
+    """Yield name, place, required text, and the change of (a, e) of both pairs, degrees.
 
     None where nothing is done; `lst` the sidereal time, degrees.
     """
@@ -154,7 +154,7 @@ def mistakes(kind, lst):
 
 
 def mistakes_beyond(beyond):
-    """The same of readings through the pole: what is not turned or folded there."""
+    """The same for readings through the pole, not turned or folded there."""
     def turned(a):
         return np.where(beyond, np.remainder(a, 360.0) - 180.0, a)
 
@@ -171,7 +171,7 @@ def mistakes_beyond(beyond):
 
 
 def outcome(path, said, truth):
-    """What becomes of a file."""
+    """Outcome for a file."""
     try:
         run = load_run(path)
         checked = check_columns(run)
@@ -249,7 +249,7 @@ def of_stars(rng, form, path):
 
 
 def right(rng, form, path, of_sky):
-    """A right file; whether it is refused, and a note."""
+    """A correct file: whether it is refused, and a note."""
     kind, pier, through = FORMS[form]
     site = Site(rng.uniform(15.0, 60.0) * DEG, rng.uniform(-150.0, 150.0) * DEG, 500.0)
     mount, (h, d, a, e, moment), terms, beyond = simulated(rng, kind, through, site)

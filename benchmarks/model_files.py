@@ -65,14 +65,14 @@ def apart(one, other, el):
 
 
 def back(exported, folder):
-    """What is read of the exported file."""
+    """The model read from the exported file."""
     path = Path(folder) / f'model{exported.program.suffix}'
     path.write_text(exported.text)
     return read_model(path).model
 
 
 def round_trip(name, count, folder, sky):
-    """Largest difference of models that the program holds, written and read."""
+    """Largest difference after writing and reading models that the program can represent."""
     geometry, more = HELD[name]
     worst = 0.0
     for seed in range(count):

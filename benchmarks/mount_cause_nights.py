@@ -29,7 +29,7 @@ U = 5.0 * ARCSEC  # size before it is scaled
 
 @dataclass(frozen=True)
 class Cause:
-    """What a mount does.
+    """A simulated cause.
 
     Attributes
     ----------

@@ -85,7 +85,7 @@ def answer(result, cause):
 
 
 def measure(name, kind, rows, size, args):
-    """A line of the table."""
+    """Print a line of the table."""
     cause, rng, count, largest, missed = CAUSES[name], np.random.default_rng(args.seed), \
         Counter(), [], []
     for _ in range(args.nights):

@@ -23,7 +23,7 @@ _STEP = 20.0  # s of the log of temperatures
 
 
 def _log(c, mount, rng, tau):
-    """The air at the rows, read to 0.05 degrees, and a part of the time constant `tau` in it.
+    """Air temperature at the rows, read to 0.05 degrees, and of a part with time constant `tau`.
 
     The night has cooled and gusts have passed for three hours before the first row.
     """

@@ -34,7 +34,7 @@ from telescope_mount.whole_night import run_night
 
 
 def one_night(seed, stars):
-    """Report of one night, and the seconds that it took."""
+    """Report of one night, and its duration, s."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         report = run_night(Path(folder) / 'night', seed=seed, stars=stars)
@@ -61,7 +61,7 @@ def main():
 
 
 def print_tables(reports, seconds):
-    """The figures of all nights."""
+    """Print the results of all nights."""
     print(f'{len(reports)} nights, {np.median(seconds):.1f} s each (median), '
           f'{max(seconds):.1f} s the longest')
     print(f'\n{"held-out radial RMS":42} {"median":>8} {"/ sqrt 2":>9} {"5 %":>7} {"95 %":>7}')

@@ -53,7 +53,7 @@ _SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
 
 
 def left_out(arc):
-    """Errors (m) of every second epoch, predicted from the others, away from the ends.
+    """Errors (m) of every second epoch interpolated from the others, away from the ends.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def left_out(arc):
 
 
 def accuracy(data):
-    """Lines of the table of left-out epochs."""
+    """Lines of the table of held-out epochs."""
     yield f'{"every second epoch left out":28} RMS, m   in ITRF itself   first interval   limit'
     for name, (what, limit) in FILES.items():
         orbits = Orbits([data / name])
@@ -118,7 +118,7 @@ class _Peers:
         begin = float(time[0])
 
         class Body(VectorFunction):
-            """The same orbit, as Skyfield takes one."""
+            """The same orbit in the form that Skyfield needs."""
 
             center, target = 399, -1
 
@@ -132,7 +132,7 @@ class _Peers:
         Body.first = one.whole, one.tt_fraction
 
     def moments(self):
-        """Skyfield's, new ones: nothing of them is known yet."""
+        """Skyfield times, newly made so that nothing is cached."""
         return self.scale.tt_jd(*self.tt)
 
     def geometric(self):
@@ -140,7 +140,7 @@ class _Peers:
         return (self.body - self.place).at(self.moments()).altaz()
 
     def apparent(self):
-        """The same by way of the barycentre."""
+        """The same via the barycentre."""
         earth = self.planets['earth']
         return (earth + self.place).at(self.moments()).observe(
             earth + self.body).apparent().altaz()
@@ -208,7 +208,7 @@ def _compared(orbit, time, peers):
 
 
 def fitted_elements(orbit, step=900.0):
-    """RMS (m) along, across and away from the Earth that SGP4, fitted to a day, leaves; arcsec.
+    """RMS residuals (m) along, across and radial of SGP4 fitted to a day; arcsec.
 
     Six mean elements; positions by the same chain as of two-line elements.
     """
@@ -222,7 +222,7 @@ def fitted_elements(orbit, step=900.0):
     day = epoch / DAY + MJD_1970 - 33281.0  # from 1949-12-31, as SGP4 counts
 
     class Fitted(Satellite):
-        """Elements that a vector gives."""
+        """Elements from a vector."""
 
         record = None
 
@@ -274,7 +274,7 @@ def _osculating(place, velocity):
 
 
 def elements(data):
-    """What two-line elements would make of the GPS orbits of 2002-08-20, the paper's among them."""
+    """Accuracy of two-line elements for the GPS orbits of 2002-08-20, including the paper's."""
     orbits = Orbits([data / 'esa11802.eph'])
     yield 'SGP4 fitted to a day of a precise orbit, RMS: along, across, out (m); on the sky'
     for name in ('G18', 'G28', 'G31', 'G07'):

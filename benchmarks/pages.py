@@ -72,7 +72,7 @@ def seconds_of_clicks(browser, lines):
 
 
 def apart(browser, again):
-    """Largest distance of the page's terms from those of a fit, arcsec."""
+    """Largest difference of the page's terms from those of a fit, arcsec."""
     here = {name: value for name, value, _ in browser.run('refitPreview.terms()')}
     return max(abs(here[name] - value / ARCSEC)
                for name, value in zip(again.names, again.coefficients))

@@ -57,13 +57,13 @@ def evenly(n, lowest, rng):
 
 
 def left_over(functions, values):
-    """Part of the norm of `values` that `functions` do not hold."""
+    """Fraction of the norm of `values` that `functions` cannot represent."""
     rest = values - functions @ np.linalg.lstsq(functions, values, rcond=None)[0]
     return np.linalg.norm(rest) / np.linalg.norm(values)
 
 
 def terms_left(interpretation, lowest=15.0, n=20000, seed=1):
-    """Percent of each term that 13 harmonics an axis leave, by (term, axis)."""
+    """Percentage of each term that 13 harmonics per axis cannot represent, by (term, axis)."""
     az, el = evenly(n, lowest, np.random.default_rng(seed))
     functions = basis(az, el, interpretation)
     on_sky = functions * sky_factor(el, interpretation)[:, np.newaxis]
@@ -82,7 +82,7 @@ def conditions(lowest, skies, seed=3):
 
 
 def tilt_left(interpretation, tilted, stars=60, fits=100, seed=33):
-    """Radial RMS that harmonics alone leave on other stars, arcsec: median of `fits`.
+    """Radial RMS residual of harmonics alone on other stars, arcsec: median of `fits`.
 
     The mount has CA, NPAE, TF and, if `tilted`, an azimuth axis that leans by 43"; stars above 20°
     have 1" of noise an axis.
@@ -101,7 +101,7 @@ def tilt_left(interpretation, tilted, stars=60, fits=100, seed=33):
 
 
 def mmt_left(fitted, splits=20):
-    """Radial RMS, arcsec, that models leave on the half of the MMT night that they did not see.
+    """Radial RMS residual of models on the held-out half of the MMT night, arcsec.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def mmt_left(fitted, splits=20):
 
 
 def index_terms(run):
-    """IA and IE alone."""
+    """Design of IA and IE only."""
     return fit_terms(run, ('IA', 'IE')).model
 
 
@@ -139,7 +139,7 @@ def best_split(values):
 
 
 def chance_of_groups(column, draws, seed=5, looked_at=1):
-    """How often 11 numbers of one normal and of one even distribution split as cleanly.
+    """How often 11 numbers from a normal and from a uniform distribution split as cleanly.
 
     With `looked_at` columns: how often the cleanest of so many does, which were all looked at
     before this one was told of (the table has four: azimuth and elevation, before and after).
@@ -154,7 +154,7 @@ def chance_of_groups(column, draws, seed=5, looked_at=1):
 
 
 def image_errors(readers, scale, n, seed=12, **changes):
-    """Errors of readers at random angles, and what the first says of its fit.
+    """Errors of readers at random angles, and fit statistics of the first.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def paper_readers(scale):
 
 
 def repeated_scatter(scale, n=500):
-    """Standard deviation of the paper's reading at one angle, arcsec."""
+    """Standard deviation of the paper's repeated reading at one angle, arcsec."""
     params, rng = SCALES[scale], np.random.default_rng(4)
     images = LinearCCD(params, params.design.disc, 1).render(
         np.full(n, 1.234), rng.standard_normal((n, params.pixels)))
@@ -227,7 +227,7 @@ def bars_seen(scale):
 
 
 def row(erratum, what, here, paper=''):
-    """A line of the table."""
+    """Print a line of the table."""
     print(f'{erratum:>3}  {what:62} {here:32} {paper}')
 
 

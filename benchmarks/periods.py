@@ -61,7 +61,7 @@ def night(kind, rows, amplitude, rng, memory=False, on_sky=False):
 
 
 def periods_of(result):
-    """Periodic errors that were found: axis and periods a turn of each."""
+    """Periodic errors found: axis and periods per turn of each."""
     effects = [one.fitted.effect for one in result.effects]
     return [(e.axes, e.parameters['turns']) for e in effects if e.form == 'periodic']
 

@@ -168,7 +168,7 @@ def draw(path, ra, dec, header, size=400, scale=60.0, roll=0.4, seed=0):
 
 
 def any_mount(rng):
-    """A mount with terms from nothing to a degree, half of them with a wobble besides."""
+    """A mount with terms from zero to a degree, in half of the cases with a wobble."""
     size = 10 ** rng.uniform(0.0, 3.5)
     names = ('ia', 'ie', 'ca', 'npae', 'an', 'aw')
     terms = dict(zip(names, rng.normal(0.0, size, len(names)) * ARCSEC))
@@ -187,7 +187,7 @@ def any_night(seed, hours=None):
 
 
 def spoil(night, kind, rng):
-    """Columns with two rows of a kind, and (words, line in the file) of what must be named."""
+    """Columns with two bad rows of a kind, and (words, line in the file) that must be reported."""
     columns = {name: np.array(v) for name, v in columns_of(night).items()}
     n = len(night.time)
     columns['sigma_arcsec'] = np.full(n, 0.3)

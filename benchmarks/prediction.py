@@ -56,7 +56,7 @@ def noise_of(kind, count, rng):
 
 
 def errors_of(az, el, time, rng):
-    """What is beyond the terms, (2, n) on the sky, arcsec."""
+    """Errors in addition to the terms, (2, n) on the sky, arcsec."""
     size, phase = rng.uniform(0.5, 6.0, 5) * (rng.random(5) < 0.6), rng.uniform(0.0, 6.28, 5)
     x = size[0] * np.sin(2.0 * az + phase[0]) * np.cos(el) + size[1] * np.sin(az + phase[1])
     y = size[2] * np.sin(el + phase[2]) + size[3] * np.cos(3.0 * az + phase[3])
@@ -89,7 +89,7 @@ def simulated(seed, effects):
 
 
 def clean(seed):
-    """Ratio of RMS on later stars, and whether the terms were left."""
+    """Ratio of RMS on later stars, and whether the prediction uses more than the terms."""
     run, rows = simulated(seed, False)
     train, later = run.select(np.arange(rows)), run.select(np.arange(rows, len(run)))
     found = predictive_model(train, ways=0)

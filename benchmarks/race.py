@@ -69,12 +69,12 @@ class Row:
 
     @property
     def ratio(self):
-        """Times as fast as the peer; None without one."""
+        """Speed relative to the peer; None without one."""
         return None if self.theirs is None or not self.ours else self.theirs / self.ours
 
     @property
     def met(self):
-        """Whether it is as fast as it must be; None where nothing is asked."""
+        """Whether it meets its target; None without a target."""
         return None if self.least is None or self.ratio is None else self.ratio >= self.least
 
     def document(self):
@@ -110,7 +110,7 @@ def show(rows):
 
 
 def show_rows(doc, rows):
-    """The `main` of a benchmark whose ``rows(rounds)`` is all there is: its only option is that."""
+    """The `main` of a benchmark that only has ``rows(rounds)``; the only option is `--rounds`."""
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument('--rounds', type=int, default=5)
     show(rows(parser.parse_args().rounds))
@@ -134,7 +134,7 @@ def _calls(call):
 
 
 def race(calls, rounds=5, clock=time.perf_counter):
-    """Best time of each candidate, seconds a call.
+    """Best time of each candidate, seconds per call.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def race(calls, rounds=5, clock=time.perf_counter):
 
 
 def exponent(sizes, costs):
-    """The power with which cost grows between the two largest sizes, without the fixed cost.
+    """Exponent of the growth of cost between the two largest sizes, without the fixed cost.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def exponent(sizes, costs):
 
 
 def peak_memory(call):
-    """Bytes that `call` holds at most beyond what there was; numpy's arrays are counted."""
+    """Peak memory that `call` allocates, bytes, including numpy arrays."""
     gc.collect()
     tracemalloc.start()
     try:
@@ -207,12 +207,12 @@ class Curve:
 
     @property
     def power(self):
-        """Of time."""
+        """Exponent of time."""
         return exponent(self.sizes, self.seconds)
 
     @property
     def power_of_memory(self):
-        """Of memory; 0.0 where it stays below 4 MB: a curve of crumbs."""
+        """Exponent of memory; 0.0 below 4 MB, where it is meaningless."""
         return exponent(self.sizes, self.bytes) if max(self.bytes) > 4e6 else 0.0
 
     @property
@@ -229,7 +229,7 @@ class Curve:
 
 
 def curve(what, unit, sizes, prepare, rounds=3):
-    """Measure one.
+    """Measure a curve.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ def damage(data, kind, rng):
 
 
 def judge(file, before, scratch):
-    """What a recovery says wrong; '' for nothing; and its report."""
+    """The wrong statement of a recovery, '' for none; and its report."""
     report = recover_log(file, scratch)
     after = Counter((row.topic, row.log_time, row.data) for row in BagReader(scratch).messages())
     gone = before - after

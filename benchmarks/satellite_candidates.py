@@ -43,7 +43,7 @@ _MOUNT = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What the paper does not say and the comparison needs.
+    """Assumptions of the comparison that the paper does not state.
 
     Attributes
     ----------
@@ -213,7 +213,7 @@ def satellite_rates(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER)
 
 
 def track_effects(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
-    """What each cause of one unit adds to measured minus orbit.
+    """Contribution of a unit of each cause to measured minus orbit.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def track_effects(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     zero = np.zeros_like(az)
 
     def computed_with(**wrong):
-        """Right place less the place that somebody computes who does it wrong."""
+        """Correct place minus a wrongly computed place."""
         bias = wrong.pop('time_bias', 0.0)
         az_wrong, el_wrong, _ = satellite_place(satellite, time, site, weather,
                                                 corrections=Corrections(**wrong), time_bias=bias)

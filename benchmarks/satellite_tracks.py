@@ -107,7 +107,7 @@ def stars(rng, n=60):
 
 
 def memory_noise(rng, time):
-    """White and remembering noise of an axis, rad, at times in even steps, s."""
+    """White plus correlated noise of an axis, rad, at evenly spaced times, s."""
     keep = np.exp(-(time[1] - time[0]) / MEMORY)
     steps = rng.normal(size=len(time)) * WALK * np.sqrt(1.0 - keep**2)
     walk = np.empty(len(time))
@@ -118,7 +118,7 @@ def memory_noise(rng, time):
 
 
 def measured(rng, tracks, truth, clock=0.01, ahead=None, orbits=True, remembers=True):
-    """The tracks with what encoders would have read.
+    """The tracks with simulated encoder readings.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ def clock_bound(tracks, remembers):
 
 
 def part_clock(trials):
-    """60 stars and one pass, whose noise remembers or is that of stars."""
+    """60 stars and one pass, with correlated noise or that of stars."""
     for kind, step, remembers in (('H', STEP, True), ('H', 2.0, True), ('H', STEP, False),
                                   ('P', STEP, True), ('P', STEP, False)):
         found = []

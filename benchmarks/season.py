@@ -47,7 +47,7 @@ STATES = ('nothing', 'long tails', 'temperature', 'a step', 'four steps')
 
 
 def season(rng, what, count=30):
-    """A `Nights` of terms that wander; the term that is moved, and from which nights."""
+    """A `Nights` of drifting terms; the term that is changed, and from which nights."""
     k = len(NAMES)
     day = np.sort(rng.uniform(0.0, 700.0, count))
     walk = rng.choice([0.0, 1.0], k) * rng.uniform(0.1, 2.0, k)
@@ -107,7 +107,7 @@ def of_chance(count, seed):
 
 
 def foretold(folder):
-    """RMS on the rows of each night, rad: by the nights before it, the last one, its own fit."""
+    """RMS on the rows of each night, rad, with terms predicted, of the last night, and fitted."""
     import glob
     runs = []
     for path in sorted(glob.glob(f'{folder}/*.dat')):

@@ -109,7 +109,7 @@ def slips(args, rng):
 
 
 def sessions(args, rng):
-    """Taken for what they are."""
+    """Whether sessions are classified correctly."""
     count = args.nights // 2
     kinds = {'one mount': {}, 'zeros jump by 5"': {'IA': 5.0, 'IE': 5.0},
              'zeros and tilt jump by 5"': {'IA': 5.0, 'IE': 5.0, 'AN': 5.0, 'AW': 5.0}}

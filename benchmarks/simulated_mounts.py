@@ -124,7 +124,7 @@ def terms_of_truth(scenario):
 
 
 def deviations(run, scenario):
-    """(found - true) / sigma of each term, and the RMS that is left, arcsec."""
+    """(found - true) / sigma of each term, and the RMS residual, arcsec."""
     fit = fit_terms(run)
     truth = terms_of_truth(scenario)
     z = [(fit.model.terms[name] - truth[name]) / sigma

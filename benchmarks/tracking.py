@@ -63,7 +63,7 @@ def follow(night, expect=False, noise=None):
 
 
 def quiet(night):
-    """Stars that neither a jump nor the recovery from it touches, shape (stars,)."""
+    """Mask of stars not affected by a jump or the recovery from it, shape (stars,)."""
     number = np.arange(night.count)
     good = ~night.is_wrong
     if night.jump_star is not None:
@@ -217,7 +217,7 @@ OTHERS = (('random walk, white noise', {}), ('noise AR(1) 0.6', {'colour': 'ar1'
 
 
 def say_other(count, noise):
-    """Nights that are not what the filter assumes, and star noise that is given wrongly."""
+    """Nights that violate the filter's assumptions, and wrongly specified star noise."""
     print(f'\n5"/h^.5, {count} nights each: NIS, thirds of time; expected^2 / true^2; of (a), (d); '
           'nights called over-, under-confident')
     for words, how in OTHERS:

@@ -68,7 +68,7 @@ PLACES = sky(np.random.default_rng(11), 80)
 
 
 def choose(covariance, columns, everywhere, count, noise):
-    """The stars that tell most about the pointing all over the sky, one after the other.
+    """Stars chosen one after the other for the most information on pointing over the sky.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def say_hold(count):
 
 
 def say_begin(count):
-    """What has happened since the last run, by five chosen stars."""
+    """Detection of changes since the last run from five chosen stars."""
     rng = np.random.default_rng(31)
     scatter = np.array([30.0, 30.0, 4.0, 3.0, 8.0, 8.0, 4.0, 2.0]) * ARCSEC
     everywhere, pool = columns(*sky(rng, 80)), columns(*sky(rng, 300))
@@ -329,7 +329,7 @@ def say_rates(count):
 
 
 def say_walks(folder):
-    """How fast the zeros of measured telescopes walk: where the default rates come from."""
+    """Drift rates of the zeros of measured telescopes: source of the default rates."""
     for path, hours in (('iram30m/pointing-2012-04B.log', 3.0),
                         ('iram30m/pointing-2014-04.log', 3.0), ('mmt/point_20210821.dat', 9.0)):
         if not Path(folder, path).is_file():

@@ -118,7 +118,7 @@ class WanderingNight(Night):
 
 
 def candidate_of(model):
-    """The active one, as a published model says."""
+    """The active zero, with the drift correction of the published model."""
     return ModelWithZeros(model, Zeros.from_list(model.provenance['zeros_in_force']),
                           Following.from_model(model))
 
@@ -196,7 +196,7 @@ def main():
 
 
 def print_tables(kinds, nights, seconds):
-    """By kind, and against what is wanted."""
+    """Print results by kind, and the targets."""
     print(f'{"miscounts":22}{"nights":>7}{"fit":>7}{"last":>7}{"ratio":>7}{"95 %":>7}{"worst":>7}'
           f'{"follow":>8}{"effects":>9}{"refused":>9}{"back":>6}')
     for kind in [*kinds, ('', 0.0)]:

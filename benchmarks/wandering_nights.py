@@ -71,7 +71,7 @@ def night(kind, rng, n):
 
 
 def without_memory():
-    """The search with noise taken to have no memory."""
+    """The search assuming white noise."""
     fit = SelectionProblem.fit
 
     def plain(self, chosen, weights=None, without=None, final=False, memory=None):

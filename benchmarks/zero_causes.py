@@ -46,7 +46,7 @@ def temperatures(rng, n, daily=None):
 
 
 def zeros_of(kind, rng, n):
-    """Zeros that follow nothing, arcsec, shape (n, 2)."""
+    """Zeros without any cause, arcsec, shape (n, 2)."""
     e = rng.normal(size=(n, 2))
     if kind == 'unexplained':
         return UNEXPLAINED * e
@@ -90,7 +90,7 @@ def trial(rng, n, *kind, leave_out, **slopes):
 
 
 def causes(found, axis):
-    """Drivers that are named for an axis."""
+    """Drivers found for an axis."""
     return [cause['driver'] for cause in found['axes'][axis]['causes']]
 
 
@@ -100,7 +100,7 @@ def share(count, of):
 
 
 def found_rows(table, args, rng):
-    """Zeros that follow temperature, or temperature and supply."""
+    """Detection for zeros that depend on temperature, or on temperature and supply."""
     for what, daily, slopes, limit in (
             ('independent nights', None, (SLOPE, 0.0), 98.0),
             (f'seasonal trend, {DAILY:g} degC from night to night', DAILY, (SLOPE, 0.0), 70.0),
@@ -139,7 +139,7 @@ def found_rows(table, args, rng):
 
 
 def false_rows(table, args, rng):
-    """Zeros that follow nothing."""
+    """False detections for zeros without any cause."""
     for kind in ('scatter', 'walk', 'walk and scatter', 'drift and scatter', 'resembling nights'):
         for what, daily in (('independent nights', None), ('seasonal trend', DAILY),
                             ('seasonal trend, 1 degC', 1.0)):

@@ -83,7 +83,7 @@ def axes_on(geometry, az, el, **where):
 
 
 class Night:
-    """A night at the scenario's mount, and what its encoders say."""
+    """A night of the scenario's mount, with encoder readings."""
 
     absolute_noise = ABSOLUTE_NOISE
 
@@ -97,7 +97,7 @@ class Night:
         self.homings = []
 
     def home(self, at):
-        """Home, slower if need be; False where the marks are not met."""
+        """Home, slower if necessary; False if the marks are not found."""
         mount, begin = SimulatedMount(self.scenario), at - self.start
         for attempt in range(HOME_ATTEMPTS):
             first, last = mount.home(begin, attempt)
@@ -117,7 +117,7 @@ class Night:
         return bool(np.isfinite(readings).all())
 
     def observe(self):
-        """The night's rows; none where homing fails."""
+        """The night's rows; none if homing fails."""
         if not self.home(self.start):
             return None
         times = self.start + 30.0 + PACE * np.arange(2 * STARS + EXPOSURES)
@@ -169,7 +169,7 @@ def changed(scenario, path, **values):
 
 
 def faults():
-    """Name -> (scenario of the second night, who has to be named, axis)."""
+    """Name -> (scenario of the second night, cause that must be named, axis)."""
     default = load_scenario('default')
     slipped = default.absolute.elevation.zero_offset + 6 * ARCSEC
     return {

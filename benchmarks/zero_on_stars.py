@@ -68,7 +68,7 @@ class Cases(NamedTuple):
 
     @property
     def rms(self):
-        """Of the errors, (2,)."""
+        """RMS of the errors, (2,)."""
         return np.sqrt(np.mean(np.square(self.error), axis=0))
 
     @property
@@ -83,7 +83,7 @@ class Cases(NamedTuple):
 
 
 def noise(rng, n, rho):
-    """Of both axes, arcsec."""
+    """Noise of both axes, arcsec: AR(1) with coefficient `rho`, white for 0."""
     e = rng.normal(size=(2, n))
     for i in range(1, n if rho else 0):
         e[:, i] = rho * e[:, i - 1] + np.sqrt(1.0 - rho * rho) * e[:, i]
@@ -97,13 +97,13 @@ def places(stars, rows, times, site, mount):
 
 
 def times_of(begin, star):
-    """Of exposures one after the other."""
+    """Times of successive exposures."""
     step = np.where(np.diff(star) == 0, PACE, SLEW)
     return begin + np.concatenate(([0.0], np.cumsum(step)))
 
 
 def run_of(truth, place, star, zero, e, marked):
-    """What the encoders read."""
+    """Simulated encoder readings."""
     first, second = truth.sky_to_encoder(*place)
     return PointingRun({
         'az': place[0], 'el': place[1], 'star': star.astype(float),
@@ -192,7 +192,7 @@ def changes(latitude, n, moments, seeds, *, polaris=False, seed=0):
 
 
 def _degrees(place, mount):
-    """How far the axes slew in all, the longer of both each time."""
+    """Total motion of the axes, each time the longer one."""
     first, second = mount.on_travel(*place)
     moves = np.abs(np.diff([first, second], axis=1))
     moves[0] = np.abs(wrap(moves[0])) if not mount.two_sided else moves[0]
@@ -200,7 +200,7 @@ def _degrees(place, mount):
 
 
 def with_stars(times, seed):
-    """As `zero_drift.sky`, with exposures of the same five stars in place of Polaris."""
+    """Like `zero_drift.sky`, with exposures of the same five stars instead of Polaris."""
     az, el, star = of_polaris(times, seed)
     rng = np.random.default_rng([7, seed[0]])
     pole = slice(zero_drift.STARS, zero_drift.STARS + zero_drift.EXPOSURES)
@@ -250,7 +250,7 @@ def line(label, got, peer, target=TARGET):
 
 
 def head(title):
-    """Of a table."""
+    """Print the header of a table."""
     print(f'\n{title}\n{"":28} {"sigma":>11}  {"error":>11}  {"error/sigma":>11}   '
           f'{"sigma/peer":>11}  {"error/peer":>11}  stars  slew  cases')
 
