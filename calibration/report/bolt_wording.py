@@ -103,7 +103,7 @@ def _if_so(equinox):
     taken, other = (equinox['polar_axis_arcsec'].get(equinox[k], {}) for k in ('taken', 'other'))
     moved = ', '.join(f'{name} by {angle_text(other[name] - value)}'
                       for name, value in taken.items() if name in other)
-    return [f'Say the equinox of the catalogue before a bolt is turned (--equinox): '
+    return [f'Give the equinox of the catalogue (--equinox) before you turn a bolt: '
             f'{equinox["taken"]} is a guess; {equinox["other"]} moves '
             f'{moved or "the axis"}.']
 
@@ -185,7 +185,7 @@ def watch_lines(reading, found, near, per_turn=None):
     if reading.kind == 'collected':
         lines = [f'Image {reading.count} of 3 is solved: '
                  + ('turn the hour axis, and take the next.' if reading.count < 3 else '')]
-        return lines + ([f'By this one image: {line}' for line in _both(found, per_turn)]
+        return lines + ([f'From this image alone: {line}' for line in _both(found, per_turn)]
                         if found else [])
     if reading.kind == 'stopped':
         now = found[f'{reading.bolt}_error_arcsec']
@@ -194,7 +194,7 @@ def watch_lines(reading, found, near, per_turn=None):
                 'The bolt was turned the wrong way, or a sign of the readings is wrong. Take three '
                 'images anew.']
     by = ('Three images are solved' if reading.kind == 'three' else
-          'One image is solved; all but the bolts is held')
+          'One image is solved, only the bolts fitted')
     lines = [f'{by}: the axis is {angle_text(found["pole_distance_arcsec"])} '
              f'± {angle_text(found["pole_distance_sigma_arcsec"])} from the '
              f'{found["pole"]["which"]} pole.']

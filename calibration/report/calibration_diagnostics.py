@@ -40,7 +40,7 @@ def state_rows(state, taken_up, finding):
     return [('observations', str(state.rows.taken.kept)),
             ('power-ons with a zero', str(len(state.zeros))),
             ('zeros by', ways(state.zeros.values()) or 'nothing yet'),
-            ('taken up', '; '.join(taken_up) or 'nothing: there from the start'),
+            ('taken up', '; '.join(taken_up) or 'nothing: up since the start'),
             ('diagnosis', finding or 'none yet'),
             *([('causes distinguished', asked['says'])] if asked else []),
             *(_tracking_rows(state.tracked) if state.tracks else [])]
@@ -83,8 +83,8 @@ def problem_sentences(state, marks_unknown, refused):
 def tracking_problems(night):
     """Sentences on inconsistent predictions of the filter of a `TrackedNight` (or None)."""
     if night is None:
-        return ['tracking begins with a model: fit, or give model_file']
+        return ['tracking needs a model: call fit, or set model_file']
     document = night.document()
     return [] if document['confidence'] == HONEST else [
-        f'tracking: the filter was {wording(document["confidence_sentence"])}, and is widened or '
-        'narrowed for it']
+        f'tracking: the filter was {wording(document["confidence_sentence"])}; its sigma is '
+        'adjusted']

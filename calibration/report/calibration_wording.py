@@ -47,8 +47,8 @@ def fit_sentence(report):
         return report['refused']
     step = steps_of(report)[-1]
     return (f'{report["stars"]} stars fitted; ' + (
-        f'{step["step"]}: {step["held_out"]["radial"]:.2f} arcsec radial on stars held out'
-        if step else 'too few to hold some of them out')
+        f'{step["step"]}: {step["held_out"]["radial"]:.2f} arcsec radial on held-out stars'
+        if step else 'too few to validate the fit')
         + (f'; {report["rejected"]} rejected' if report['rejected'] else ''))
 
 
@@ -79,4 +79,4 @@ def rows_sentence(taken, zeros):
 def restart_sentence(taken_up, model):
     """State of a restarted calibration: `taken_up` (list of str), and `model` or None."""
     known = 'no model is known until the next fit' if model is None else 'the active model'
-    return f'started in the middle of a night: took up {", ".join(taken_up)}; {known}'
+    return f'restarted during the night: restored {", ".join(taken_up)}; {known}'

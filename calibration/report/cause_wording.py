@@ -50,7 +50,7 @@ def plain(cause):
 def causes_sentence(causes):
     """Sentences on equally good causes, best first."""
     texts = [plain(one['cause']) + (
-        f' (with {counted(one["more_effects"], "effect")} more beside it)'
+        f' (needs {counted(one["more_effects"], "other effect")} with it)'
         if one.get('more_effects') else '') for one in causes]
     if len(texts) > _MOST_CAUSES:
         texts = [*texts[:_MOST_CAUSES], f'{len(texts) - _MOST_CAUSES} more']
@@ -118,7 +118,7 @@ def first_check(document, row):
     # flexure and refraction have the same curve
     terms = [term['name'] for term in document.get('unphysical') or () if row.get('axes') == 'el'
              and row.get('driver') == 'elevation' and term['name'] in ('TF', 'TX')]
-    head = f'It bears on the same curve as {terms[0]} (above): check that first. Then: ' \
+    head = f'It has the same curve as {terms[0]} (above): check that first. Then: ' \
         if terms else 'Check first: '
     tested = [each for each in causes if each['look_at'] == one['look_at']]
     rest = [each for each in causes if each not in tested]
@@ -149,7 +149,7 @@ def _rest(rest, own, least):
     efforts = [each.get('effort', 1) for each in rest]
     many = len(rest) > 1
     if not any(each in own for each in rest):
-        text = 'need more effects beside them' if many else 'needs more effects beside it'
+        text = 'need other effects with them' if many else 'needs other effects with it'
     else:
         what = 'as much' if max(efforts) == least else 'more' if min(efforts) > least else \
             'as much or more'

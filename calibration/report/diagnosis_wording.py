@@ -34,17 +34,16 @@ def _first_answer(found):
 
 def limit_words(kind):
     """Name -> words for each effect with a detection limit, for a `mount_kinds.MountKind`."""
-    first, second = (f'a{"n" * (word[0] in "aeh")} {word}' for word in kind.axes)
-    out = {'line_of_sight_2': 'a line of sight that swings twice per turn',
-           'refraction': 'a refraction constant wrong',
-           f'{kind.keys[1]}_nod_2': 'a nod twice per turn',
-           f'{kind.keys[0]}_hysteresis_cosE': f'a backlash of the {kind.shafts[0]}',
-           f'{kind.keys[1]}_hysteresis': f'a backlash of the {kind.shafts[1]}'}
-    for key, word in zip(kind.keys, (first, second)):
-        out |= {f'{key}_encoder_1': f'{word} encoder wrong once per turn',
-                f'{key}_encoder_2': f'{word} encoder wrong twice per turn',
-                f'{key}_zero_with_temperature': f'{word} zero that follows the temperature',
-                **{f'{key}_zero_with_{driver}': f'{word} zero that drifts'
+    out = {'line_of_sight_2': 'line of sight error, twice per turn',
+           'refraction': 'error of the refraction constant',
+           f'{kind.keys[1]}_nod_2': 'wobble, twice per turn',
+           f'{kind.keys[0]}_hysteresis_cosE': f'backlash of the {kind.shafts[0]}',
+           f'{kind.keys[1]}_hysteresis': f'backlash of the {kind.shafts[1]}'}
+    for key, word in zip(kind.keys, kind.axes):
+        out |= {f'{key}_encoder_1': f'{word} encoder error, once per turn',
+                f'{key}_encoder_2': f'{word} encoder error, twice per turn',
+                f'{key}_zero_with_temperature': f'{word} zero vs temperature',
+                **{f'{key}_zero_with_{driver}': f'{word} zero drift'
                    for driver in ('time', 'run_hours', 'order')}}
     return out
 
@@ -63,14 +62,14 @@ _UNITS = {'arcsec/h': '″/h', 'arcsec/K': '″/K', 'arcsec/run': '″/run'}
 def _undecided(found):
     text = ''
     if found.causes:
-        text = ('Beyond chance, but not added, for it does not hold where a part of the '
-                f'observations is left out: {"; ".join(found.causes)}. ')
-    text += (f'Where a part is left out the model misses it by {found.size:.1f}\u2033 beside a '
-             f'noise of {found.before:.1f}\u2033' if found['misses'] else
+        text = ('Significant, but not confirmed by cross-validation, so not added: '
+                f'{"; ".join(found.causes)}. ')
+    text += (f'Cross-validated, the model is off by {found.size:.1f}\u2033, with a noise of '
+             f'{found.before:.1f}\u2033' if found['misses'] else
              'It would remove most of the error')
     return f'{text}: the observations are too few or too unequal to ' + (
         'distinguish an effect from a peculiarity of one session. Observe the whole sky in one '
-        'session more.' if found.todo == 'another session' else
+        'more session.' if found.todo == 'another session' else
         'judge an effect. Observe more stars, over the whole sky.')
 
 
@@ -81,11 +80,11 @@ def _figures(found):
 
 
 def _columns_not_taken(found):
-    how = '--cause COLUMN takes one'
+    how = 'to use one: --cause COLUMN'
     if found['unnamed']:
-        how += ('; one that is the air temperature: telescope-mount export RUN run.csv, and call '
+        how += ('; if one is the air temperature: telescope-mount export RUN run.csv, and name '
                 'the column temperature_c')
-    return ('not taken as causes, for they may be outcomes of a measurement: '
+    return ('columns not tried as causes, because they may be results of the measurement: '
             f'{", ".join(found["columns"])} ({how})')
 
 
@@ -93,17 +92,17 @@ def _another_model(found):
     own, other = map(readable, found.causes)
     beside = ', '.join(map(readable, found['beside'])) or 'none'
     more, better = found['more'], found['better']
-    text = (f'{other} instead of {own} explains the run as well. Other effects then: {beside}')
+    text = (f'{other} instead of {own} fits the run equally well. Other effects then: {beside}')
     if more:
-        text += f'. That is {more} effect{"s" * (more > 1)} more'
+        text += f'. That takes {more} more effect{"s" * (more > 1)}'
     if more and better:
-        text += (f', which the rows pay for (ΔBIC {better:.0f} better); the model with fewer was '
+        text += (f', but fits better (ΔBIC {better:.0f} better); the model with fewer was '
                  'kept')
     return text
 
 
 def _dropped(why):
-    return lambda found: (f'beyond chance, but {why}, so not added: '
+    return lambda found: (f'significant, but {why}, so not added: '
                           + '; '.join(map(readable, found.causes)))
 
 
@@ -130,12 +129,12 @@ def _sessions(found):
 def _lag(found):
     what, driver = readable(found.causes[0]).partition(' with ')[0], the(found['driver'])
     if found['why'] == 'start':
-        return (f'how late the {what} follows {driver} is unknown: log {driver} from '
-                f'{found["before"]:.0f} min before the run on (rows without angles count)')
+        return (f'the lag of the {what} behind {driver} is unknown: log {driver} from '
+                f'{found["before"]:.0f} min before the first star (rows without angles count)')
     if found['why']:
-        return (f'how late the {what} follows {driver} is unknown: it goes too straight through '
-                'the run')
-    return (f'the {what} follows {driver} {found.size:.0f} min late ({found["low"]:.0f} to '
+        return (f'the lag of the {what} behind {driver} is unknown: the change in this run is too '
+                'even')
+    return (f'the {what} lags {driver} by {found.size:.0f} min ({found["low"]:.0f} to '
             f'{found["high"]:.0f} min)')
 
 
@@ -143,8 +142,8 @@ def _cannot_judge(found):
     runs, driver = found['runs'], the(found['driver'])
     named = ', '.join(runs[:_FIRST]) + f' and {len(runs) - _FIRST} more' * (len(runs) > _FIRST)
     why = UNKNOWN.get(found['driver'], f'{driver} is not known (column {found["column"]})') \
-        if found['column'] else 'it follows the time, and these rows are beyond the times fitted'
-    return f'{named} cannot judge "{readable(found["effect"])}": {why}.'
+        if found['column'] else 'it depends on time, and these rows are outside the fitted times'
+    return f'{named} cannot test "{readable(found["effect"])}": {why}.'
 
 
 _LONGEST = {1: 'the longest', 2: 'the second longest', 3: 'the third longest'}
@@ -162,29 +161,29 @@ KINDS = {
     'slip of a slew': _slip,
     'column explains better': lambda found: (
         f'{found["cause"]}: that explains {readable(found.causes[0])} better '
-        f'(ΔBIC {found.size:.0f}); if the column is a cause, say --cause {found["column"]}'),
+        f'(ΔBIC {found.size:.0f}); if this column is the cause, use --cause {found["column"]}'),
     'too few rows': lambda found: (
-        f'{found.size} of {found["read"]} rows could be used. With more than a third left out no '
-        'effect is claimed: what the others show may come from what is wrong with those. Check '
-        'the excluded rows, and the columns.'),
+        f'{found.size} of {found["read"]} rows are usable. With more than a third excluded no '
+        'effect is claimed: the same fault may affect the other rows. Check '
+        'the excluded rows and the columns.'),
     'undecided': _undecided,
     'not from run to run': lambda found: (
-        'More is significant, but not in all runs, so it is not added (the notes have the names). '
+        'More effects are significant, but not in all runs, so they are not added (see the notes). '
         'A peculiarity of one run looks like an effect.'),
     'dropped, worse on rows left out': lambda found: (
-        f'More is significant, but predicts left-out {found["what"]} worse '
-        f'{_figures(found)}, so it is not added (the notes have the names).'),
+        f'More effects are significant, but predict held-out {found["what"]} worse '
+        f'{_figures(found)}, so they are not added (see the notes).'),
     'worse on rows left out': lambda found: (
-        f'The effects predict left-out {found["what"]} worse {_figures(found)}: they may hold for '
-        'these observations alone. Validate them on another run (--holdout).'),
+        f'The effects predict held-out {found["what"]} worse {_figures(found)}: they may be valid '
+        'for these observations only. Validate them on another run (--holdout).'),
     'held-out night contradicts': lambda found: (
-        f'The night {found["run"]} contradicts what was found: {arcsec(found.before)} without it, '
-        f'{arcsec(found.after)} with it. Do not use the effects beyond the run that was fitted.'),
+        f'The night {found["run"]} contradicts the effects: RMS {arcsec(found.before)} without '
+        f'them, {arcsec(found.after)} with them. Use them for the fitted run only.'),
     'rows searched': lambda found: (
-        f'{found.size} of {found["all"]} rows were searched, spread evenly over each run. An '
-        f'effect must be {(found["all"] / found.size)**0.5:.1f} times as large to be found as '
-        'with all of them. The model was fitted to all rows, the other figures are of those '
-        'searched'),
+        f'{found.size} of {found["all"]} rows, spread evenly over each run, were searched for '
+        f'effects: detection limits are {(found["all"] / found.size)**0.5:.1f} times those of '
+        'all rows. The model was fitted to all rows; the other figures are of the searched '
+        'rows'),
     'first answer': _first_answer,
     'columns not taken': _columns_not_taken,
     'terms beside correlated noise': lambda found: (
@@ -195,25 +194,25 @@ KINDS = {
     'no gain on rows left out': _dropped('no cross-validated improvement'),
     'not repeated': _dropped('cross-validated worse with it'),
     'beyond the zenith': lambda found: (
-        f'{found.size} rows are nearer to the zenith than the mount can look'),
+        f'{found.size} rows are closer to the zenith than the mount can point'),
     'curve': lambda found: (
-        f'unknown error that follows {the(found["driver"])}: the model has a curve for it, '
+        f'error of unknown cause, depends on {the(found["driver"])}: the model has a curve for it, '
         f'{found["shape"]}'),
     'columns of some runs': lambda found: (
         f'not in all runs, so not used: {", ".join(found["columns"])}'),
     'two clocks': lambda found: (
         'time is UTC in some runs and counts from an arbitrary start in others: not used'),
     'undetermined base': lambda found: (
-        'the directions do not determine all terms of the base: only predictions there have a '
-        'meaning'),
+        'these directions do not determine all terms of the base: use the model for predictions '
+        'there only'),
     'reading set right': lambda found: (
-        f'the {found["axis"]} encoder was read whole {found["graduation"]} beside the true '
-        'place, and set right, in '
+        f'the {found["axis"]} encoder readings were off by whole {found["graduation"]}, and '
+        'were corrected, in '
         + ', '.join(f'{found["word"]} {row} ({m:+d})' for row, m in found['rows'])),
     'sessions': _sessions,
     'sessions found': lambda found: (
-        f'{_sessions(found)}: zeros of their own explain the rows better (--sessions 0 takes them '
-        'as one)'),
+        f'{_sessions(found)}: separate zeros fit the rows better (--sessions 0 fits one zero to '
+        'all)'),
     'gaps without sessions': lambda found: (
         f'{found["source"]}: gaps of more than {found.size:g} h, but separate zeros explain the '
         'rows no better: one session (--sessions HOURS separates them)'),
@@ -223,19 +222,19 @@ KINDS = {
     'medians of the runs': lambda found: (
         f'the model has the medians of {found["runs"]} runs, '
         + ', '.join(f'{name} {value:+.2f}' for name, value in found['terms'].items())
-        + (' arcsec: set a zero, or fit the night, before you point by it'
+        + (' arcsec: set a zero, or fit the night, before you point with it'
            if found['newest'] is None else
-           f' arcsec, and their zeros: apply takes that of the newest, run {found["newest"]:g}')),
+           f' arcsec, and their zeros: apply uses that of the newest, run {found["newest"]:g}')),
     'term of each session': _moving,
     'terms of sessions': lambda found: (
-        f'each session has its own {", ".join(found.causes)}: they move from session to session '
-        '(--own says otherwise)'),
+        f'each session has its own {", ".join(found.causes)}: they change between sessions '
+        '(--own overrides this)'),
     'held-out night cannot judge': _cannot_judge,
     'rows held out judge nothing': lambda found: (
-        f'held out, judge nothing (what drives an effect is not known): {found.size} rows'),
-    'outliers held out': lambda found: f'held out, outliers set aside: {found.size}',
+        f'held out, but no test (driver of an effect unknown): {found.size} rows'),
+    'outliers held out': lambda found: f'held out, outliers excluded: {found.size}',
     'runs held out': lambda found: (
-        f'held out: {found.size} observations of {found["runs"]} runs, '
-        f'{", ".join(found["refitted"])} refitted in each, nothing else'),
+        f'held out: {found.size} observations of {found["runs"]} runs; only '
+        f'{", ".join(found["refitted"])} refitted in each'),
     'rows left out': lambda found: f'{", ".join(found["rows"])} left out: {found["why"]}',
 }

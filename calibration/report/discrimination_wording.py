@@ -24,7 +24,7 @@ def _names(names, between):
 def _open(found):
     best, *others = found.causes
     return f'{readable(best)}, or ' + ', '.join(
-        f'{readable(name)} ({found["behind"][name]:.1f} behind)' for name in others)
+        f'{readable(name)} (ΔBIC {found["behind"][name]:.1f} worse)' for name in others)
 
 
 def _alike(found):
@@ -38,8 +38,8 @@ def _alike(found):
 
 def _star(found):
     best, nearest = map(readable, found.causes)
-    return (f'to distinguish {best} from {nearest}: ΔBIC {found["behind"]:.1f} of '
-            f'{found["told"]:g}; here they differ by {found.size:.1f} sigma of a star')
+    return (f'to distinguish {best} from {nearest}: ΔBIC {found["behind"]:.1f}, needed '
+            f'{found["told"]:g}; here they differ by {found.size:.1f} sigma per star')
 
 
 def _later(found):
@@ -53,12 +53,12 @@ KINDS = {
     'causes alike here': _alike,
     'sets of causes': lambda found: '; '.join(KINDS[one.kind](one) for one in found['sets']),
     'star to discriminate': _star,
-    'low stars needed': lambda found: f'stars from {found.size:g} deg of elevation on',
+    'low stars needed': lambda found: f'stars down to {found.size:g} deg of elevation',
     'magnitudes needed': lambda found: 'brighter and fainter stars',
     'later stars needed': _later,
     'warmer stars needed': lambda found: (
         f'stars {abs(found.size):g} K {"warmer" if found.size > 0.0 else "colder"}'),
-    'fast target needed': lambda found: 'something fast, as a satellite',
+    'fast target needed': lambda found: 'a fast target, such as a satellite',
     'more stars needed': lambda found: f'about {found.size} such stars',
-    'alike on all stars': lambda found: 'on all stars they look alike',
+    'alike on all stars': lambda found: 'they look the same on all stars',
 }

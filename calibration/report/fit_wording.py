@@ -38,10 +38,10 @@ def _undetermined(found):
     text = f'undetermined by these stars: {", ".join(found["terms"])}'
     if held and carrying:
         text += (f'. {", ".join(held)} {_are(held)} held at zero, and {", ".join(carrying)} '
-                 f'{"stands" if len(carrying) == 1 else "stand"} for the sum of all of them here')
+                 f'{"includes" if len(carrying) == 1 else "include"} them here')
     elif held:
         text += '; held at zero'
-    return text + '. The model holds near these stars alone: observe other parts of the sky'
+    return text + '. The model is valid near these stars only: observe other parts of the sky'
 
 
 def _times_sigmas(found):
@@ -71,11 +71,11 @@ def origin_sentence(origin):
     if origin.holds == ON_SKY:
         terms = ', '.join(f'{row["name"]} {row["value_arcsec"]:+.1f}'
                           for row in origin.fits[ON_SKY].term_rows())
-        return (f'the errors do not go through the pole with the mount: {figures}. A driver '
-                f'corrects them there, or makes them; with one sign on both sides: {terms}')
+        return (f'the errors are on the sky, the same on both sides of the pier: {figures}. A '
+                f'driver corrects them there, or causes them. Terms of one sign: {terms}')
     if origin.holds == OF_MOUNT:
-        return f'the errors go through the pole with the mount: {figures}'
-    return f'undetermined whether the errors go through the pole with the mount: {figures}'
+        return f'the errors are of the mount, on both sides of the pier: {figures}'
+    return f'undetermined whether the errors are of the mount or on the sky: {figures}'
 
 
 def comparison_sentence(comparison, axes=('azimuth', 'elevation')):
@@ -86,14 +86,14 @@ def comparison_sentence(comparison, axes=('azimuth', 'elevation')):
         one = getattr(comparison, axis)
         parts.append(f'{one.before:.2f} -> {one.after:.2f} arcsec {names[axis]} '
                      f'(p = {one.chance:.2g})')
-    return (f'{comparison.rows} rows that it has not seen: ' + ', '.join(parts)
-            + '; p: the chance that a harmless change looks as bad')
+    return (f'{comparison.rows} new rows: ' + ', '.join(parts)
+            + '; p: probability that a harmless change looks this bad')
 
 
 def _frame_taken(found):
     taken, other = found.causes
-    return (f'no frame is declared; {taken} leaves {found.before:.1f} arcsec, the next, '
-            f'{other}, {found.after:.1f}: {taken} it is')
+    return (f'no frame is declared: {taken} is used, because it leaves {found.before:.1f} arcsec; '
+            f'the next best, {other}, leaves {found.after:.1f} arcsec')
 
 
 def _first_axis_leans(found):
@@ -105,8 +105,8 @@ def _first_axis_leans(found):
 def _sigma_of_solver(found):
     low, high = found['given_arcsec']
     az, el = found['scatter_arcsec']
-    return (f'solutions weigh by their own sigma ({low:.2g} to {high:.2g} arcsec) and the scatter '
-            f'beyond it: {az:.2g} arcsec in azimuth, {el:.2g} in elevation')
+    return (f'solutions are weighted by their own sigma ({low:.2g} to {high:.2g} arcsec) and the '
+            f'extra scatter: {az:.2g} arcsec in azimuth, {el:.2g} in elevation')
 
 
 #: kind of a `Finding` -> its sentence
@@ -116,35 +116,35 @@ KINDS = {
         f'{found["place"]}: sigma {found["axis"]} {found["given"] / ARCSEC:.3g}″ is far '
         f'below the others\'; taken as {found["taken"] / ARCSEC:.3g}″, a fifth of their median'),
     'sigmas multiplied': lambda found: (
-        f'{_times_sigmas(found)}: these are multiplied by that'),
+        f'{_times_sigmas(found)}: the given sigmas were multiplied by this'),
     'sigmas too large': lambda found: (
-        f'{_times_sigmas(found)}: errors of the terms are by these, and likely too large'),
+        f'{_times_sigmas(found)}: errors of the terms use these, and are probably too large'),
     'few degrees of freedom': _little_freedom,
     'rows not judged': lambda found: (
         'no row could be tested as an outlier: observe more'),
     'implausible term': lambda found: implausible_term(found.evidence),
     'held model': lambda found: (
-        f'held as {found["file"]} has it, not fitted anew: '
+        f'held at the values of {found["file"]}, not refitted: '
         + ', '.join(map(readable, found.causes))),
     'rejected star': _rejected_star,
-    'more stars rejected': lambda found: f'{found.size} rows more are rejected',
+    'more stars rejected': lambda found: f'{found.size} more rows are rejected',
     'open direction': lambda found: f'the stars do not determine {found["direction"]}',
     'runs fitted as one': lambda found: (
-        f'{found.size} runs (column run) fitted as one, with one zero: take one with --run N, or '
-        'fit zeros to each with --sessions auto'),
+        f'{found.size} runs (column run) fitted together, with one zero: select one with --run '
+        'N, or fit a zero to each with --sessions auto'),
     'not cross-validated': lambda found: (
         f'{found["model"]}: not cross-validated, too few stars'),
     'better model': lambda found: (
         f'cross-validation prefers another model: {found["best"]} {found.after:.2f} arcsec radial '
         f'cross-validated, {found["model"]} {found.before:.2f}'),
     'many far places': lambda found: (
-        f'{found.size} of {found["rows"]} places are far from where the encoders point: with so '
-        'many none is left out for it'),
+        f'{found.size} of {found["rows"]} places are far from where the encoders point: too '
+        'many, so none is excluded for it'),
     'far place': lambda found: (
-        f'{far_text(found.size)} from where the encoders point: a false solve, or a slip'),
+        f'{far_text(found.size)} from where the encoders point: wrong plate solution, or a slip'),
     'copied solution': lambda found: (
-        f'the solution of row {found["of"]} copied, {far_text(found.size)} from where the encoders '
-        'point'),
+        f'a copy of the solution of row {found["of"]}, {far_text(found.size)} from where the '
+        'encoders point'),
     'frame taken': _frame_taken,
     'leaning first axis': _first_axis_leans,
     'sigma of the solver': _sigma_of_solver,

@@ -52,8 +52,8 @@ def health_section(health, run=None, axes=AXES):
             _decoding(health), _nodes(health['nodes']), page.SentenceList(health['problems'])],
         ' '.join([
             'From the log of the night.' if health['whole'] else 'The log is large: rates are '
-            'of its index, single messages were not looked at.',
-            *['The clock is a simulated one: where the mount rests, it leaps, which looks like a '
+            'from its index, single messages were not read.',
+            *['Simulated clock: it jumps while the mount rests, which looks like a '
               'gap.'] * bool(health.get('simulated_clock'))]) if health['streams'] else '')
 
 
@@ -72,7 +72,7 @@ def _sentences(health):
                  if row['worst_error_counts'] is not None]
         out.append(f'{sum(row["passages"] for row in marks)} passages of reference marks'
                    + (f', the counter off by {max(worst):g} counts at most' if worst else '')
-                   + f'; {sum(row["missed"] for row in marks)} index pulses too short to be taken.')
+                   + f'; {sum(row["missed"] for row in marks)} index pulses missed (too short).')
     rejected = _counted(health['nodes'], 'rejected')
     if rejected is not None:
         corrected = _counted(health['nodes'], 'corrected') or 0

@@ -16,8 +16,8 @@
 
 #: BIC difference from which the data prefer one to the other
 _CLEAR = 6.0
-_DESK = ('Check first, at the desk: have star places and readings both the refraction, once, or '
-         'both not')
+_DESK = ('Check first, at the desk: is refraction in both the star places and the readings, once, '
+         'or in neither')
 _OTHERS = 'a mirror that tilts in its cell, {}or mount and catalogue exchanged in the file'
 #: for an alt-azimuth mount: its cosine is the curve of TF
 _DISC = 'an elevation encoder whose disc is off centre, '
@@ -31,17 +31,17 @@ def implausible_term(row):
         figure += f'; {_signed(row["alone_arcsec"])}″ before the effects were added'
     if row.get('beside_effects_arcsec') is not None:
         figure += (f' before the effects were added; {_signed(row["beside_effects_arcsec"])}″ '
-                   'beside them, which take up the same curve')
+                   'with them, because they have the same curve')
     if row['what'] == 'sign' and row.get('sound_with'):
         return _with_others(row, figure)
     if row['what'] == 'sign':
         return (f'{name}, tube flexure, is negative ({figure}). Weight cannot lift a tube. '
                 f'{_of_air(row.get("refraction"), bool(row.get("altaz")))}')
     if name == 'TX':
-        return (f'{name}, error of the refraction, is {figure} of cot E; all of it is 40 to 60″. '
-                'Most likely it was ' + ('left out of the star places' if row['value_arcsec'] > 0
-                   else 'put into the star places twice') + f'. {_DESK}?')
-    return (f'{name} is {figure}, more than a degree: mounts are not built so. Check first, at the '
+        return (f'{name}, error of the refraction, is {figure} of cot E; the whole refraction is '
+                '40 to 60″. Most likely it was ' + ('left out of the star places' if
+                   row['value_arcsec'] > 0 else 'applied twice to the star places') + f'. {_DESK}?')
+    return (f'{name} is {figure}, more than a degree: too large for a mount. Check first, at the '
             'desk, what the columns of the file mean, and where their zeros are.')
 
 
@@ -65,18 +65,18 @@ def _of_air(fitted, altaz):
     """Whether a refraction error explains a negative TF, and other reasons for it."""
     others = _OTHERS.format(_DISC * altaz)
     if fitted is None:
-        return ('Usual reason: the refraction is in the star places twice or too much (TX or TX3 '
-                f'fits better then). Others: {others}. {_DESK}?')
+        return ('Usual reason: refraction was applied twice or too much to the star places (TX or '
+                f'TX3 then fits better). Others: {others}. {_DESK}?')
     gain = fitted['delta_bic']
-    size = f'{_signed(fitted["value_arcsec"])}″ of cot E; the whole refraction has 40 to 60″'
+    size = f'{_signed(fitted["value_arcsec"])}″ of cot E; the whole refraction is 40 to 60″'
     if gain >= _CLEAR:
-        return ('Most likely the refraction is in the star places twice or too much: in the place '
+        return ('Most likely refraction was applied twice or too much to the star places: in place '
                 f'of TF it fits these rows better ({size}). {_DESK}?')
     if gain > -_CLEAR:
         return (f'Refraction applied twice or too much explains it as well ({size}). So does '
                 f'{others}. {_DESK}? That is the cheapest check.')
-    return (f'Refraction applied twice or too much explains a part: in place of TF it fits worse '
-            f'({size}). Beside it TF is {_signed(fitted["beside_arcsec"])}″. Other reasons: '
+    return (f'Refraction applied twice or too much explains only a part: in place of TF it fits '
+            f'worse ({size}). With it TF is {_signed(fitted["beside_arcsec"])}″. Other reasons: '
             f'{others}. {_DESK}, and which column is the mount? Then check the '
             f'{"disc and the " * altaz}mirror cell.')
 

@@ -38,13 +38,13 @@ def correlation_sentence(entry, axes):
         Names of the angles.
     """
     if not entry['slow']:
-        return 'rows taken close together share their error: they count as fewer'
+        return 'errors of rows close in time are correlated: they count as fewer rows'
     step, drifts = entry['along_the_sky'], drift_words(entry, axes)
     explained = explanation(entry.get('explained_by', ()))
     return '. '.join(filter(None, [
         _lead(step, explained), difference_sentence(entry, axes),
         direction_sentence(entry, axes) if step else '',
-        f'Most of it is even: {drifts}, as where something slips or settles '
+        f'Mostly a steady drift: {drifts}, as if something slips or settles '
         '(clutch, clamp, saddle, tripod or pier, mirror)' if drifts else '',
         'To distinguish them return to the first stars now and then, or observe in an '
         'order that mixes the sky' if step else '' if explained else 'Its cause is unknown']))
@@ -56,7 +56,7 @@ def _lead(step, explained):
         return f'correlated noise: the zero drifts. {explained} explains these rows as well' \
             if explained else 'the zero drifts'
     more = f'. It could be {explained}' if explained else ''
-    return (f'correlated noise: the zero drifts, or the model lacks an effect of the direction'
+    return (f'correlated noise: the zero drifts, or the model lacks an effect of direction'
             f'{more}. The data cannot distinguish them: consecutive rows are '
             f'{step["step_deg"]:.0f}\u00b0 apart, any two {step["any_deg"]:.0f}\u00b0')
 
@@ -121,10 +121,10 @@ def difference_sentence(entry, words):
     if not figures:
         return ''
     near, far = (_each(figures, key) for key in ('next_arcsec', 'apart_arcsec'))
-    text = (f'Residuals of consecutive rows differ by {near} RMS; about '
-            f'{_distance(figures[0][1])} apart by {far}')
+    text = (f'Residuals of consecutive rows differ by {near} RMS; those of '
+            f'rows about {_distance(figures[0][1])} apart by {far}')
     if not any(one['moves_arcsec'] for _, one in figures):
-        text += '. So only consecutive rows err alike, if at all'
+        text += '. So only consecutive rows can be correlated'
     return text
 
 
@@ -136,7 +136,7 @@ def direction_sentence(entry, words):
     near, far = (_each(figures, key) for key in ('near_next_arcsec', 'near_apart_arcsec'))
     return (f'Consecutive rows within {entry["within_deg"]:.0f}° on the sky differ by {near}. '
             f'If {_distance(figures[0][1])} or more apart they differ by {far} ({entry["pairs"]} '
-            'pairs). Equal figures mean an error of the direction, a larger second one a drift')
+            'pairs). Equal figures: error depends on direction; larger second figure: drift')
 
 
 def _figures(entry, words, *keys):
@@ -159,10 +159,10 @@ def scatter_sentence(document):
     figures = ', '.join(f'{arcsec(band["rms_arcsec"])} from {band["from_deg"]:.0f}° to '
                         f'{band["to_deg"]:.0f}°' for band in bands)
     lowest = max(bands, key=lambda band: band['rms_arcsec']) is bands[0]
-    return (f'What is left in {word} is not the same at all elevations: {figures} (RMS). '
-            + ('Seeing and refraction grow toward the horizon, and may be that.' if lowest else
-               'Seeing grows toward the horizon only, so this is no noise of the sky: something '
-               'is left there that no effect here describes.'))
+    return (f'Residuals in {word} change with elevation: {figures} (RMS). '
+            + ('Seeing and refraction grow toward the horizon and can cause this.' if lowest else
+               'Seeing grows toward the horizon only, so this is not sky noise: an error '
+               'remains there that no effect here describes.'))
 
 
 def axes_words(document):
@@ -184,7 +184,7 @@ def unexplained(document):
     runs = {}
     for one in alone:
         runs.setdefault(one['effect'], []).append(PurePath(str(one['run'])).name)
-    return 'no effect of all runs explains that, but alone ' + '; '.join(
+    return 'no effect common to all runs explains that, but alone ' + '; '.join(
         f'{", ".join(names)} show{"s" * (len(names) == 1)} {readable(effect)}'
         for effect, names in runs.items())
 
@@ -203,15 +203,15 @@ def axes_sentence(document):
     kind = kind_of(document)
     chance = 'p < 0.001' if found['p'] < 0.0005 else f'p = {found["p"]:.2g}'
     out = [f'{text[:1].upper()}{text[1:]} (robust σ, {chance}).',
-           'Seeing and the camera make both alike, so this is no noise of the sky.']
+           'Seeing and the camera affect both axes alike, so this is not sky noise.']
     letter = kind.letters[1]
     if found['axis'] == 'y':
         out.append(f'Look at drive, encoder, clutch and balance of the {kind.shafts[1]}.')
     elif found['law'] == 'cosine':
-        out.append(f'It scatters as cos {letter}, as the angle of the {kind.shafts[0]} does. Look '
-                   'at its drive, encoder and clutch, and at the clock.')
+        out.append(f'It scatters as cos {letter}, like an error in the angle of the '
+                   f'{kind.shafts[0]}. Look at its drive, encoder and clutch, and at the clock.')
     elif found['law'] == 'even':
-        out.append(f'It scatters evenly, not as cos {letter}: no error of the angle of the '
+        out.append(f'It scatters evenly, not as cos {letter}: not an error in the angle of the '
                    f'{kind.shafts[0]}. Look at optics, mirror and camera (rows, tilt, wind).')
     else:
         out.append(f'The data do not determine whether it scatters as cos {letter} (drive, '
@@ -221,9 +221,9 @@ def axes_sentence(document):
 
 def _consecutive(found):
     terms = ' and '.join(found['terms'])
-    return (f'Consecutive rows err alike in {" and ".join(found["axes"])} (correlation '
-            f'{min(found.size, 0.99):.1f}): the error of {terms or "the terms"} is larger than '
-            'printed. telescope-mount diagnose reckons with it')
+    return (f'Errors of consecutive rows are correlated in {" and ".join(found["axes"])} (r = '
+            f'{min(found.size, 0.99):.1f}): the true error of {terms or "the terms"} is larger '
+            'than printed. telescope-mount diagnose allows for it')
 
 
 #: kind of a `Finding` -> its sentence
@@ -231,7 +231,7 @@ KINDS = {
     'consecutive rows alike': _consecutive,
     'noisier run': lambda found: (
         f'{found["run"]} scatters {found.size / found["others"]:.1f} times as much as the other '
-        f'runs, {arcsec(found.size)} against {arcsec(found["others"])} an axis: '
-        + ('noise, or an error of that run alone. Its rows count by its own noise'
+        f'runs, {arcsec(found.size)} against {arcsec(found["others"])} per axis: '
+        + ('noise, or an error of that run alone. Its rows are weighted by its own noise'
            if found['weighed'] else 'not in both axes, so an error of that run alone is likely. '
-           'Diagnose it alone'))}
+           'Diagnose it separately'))}

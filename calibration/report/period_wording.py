@@ -75,7 +75,7 @@ def _period(found):
                 f'{found["searched"]:.7g} ± {found.sigma:.2g}{_aliases(found)}')
     clock = ' (a turn of the sky)' if found['of'] == 'time' else ''
     whole = f', so {found.size:.0f}' if found['whole'] else ''
-    return (f'period searched from {FEWEST:.0f} to {MOST:.0f} a turn{clock}: '
+    return (f'period searched from {FEWEST:.0f} to {MOST:.0f} per turn{clock}: '
             f'{found["searched"]:.6g} ± {found.sigma:.2g}{whole}{_aliases(found)}')
 
 
@@ -83,9 +83,9 @@ def _aliases(found):
     others = found['aliases']
     if not others:
         return ''
-    return (f'. As well fit {listed(others[:_MOST_ALIASES])}'
+    return (f'. Equally good: {listed(others[:_MOST_ALIASES])}'
             + ' and others' * (len(others) > _MOST_ALIASES)
-            + ': the rows stand at nearly even steps. Rows at uneven steps would decide')
+            + ': the rows are nearly evenly spaced. Rows at uneven steps would decide')
 
 
 def _fast(found):
@@ -93,7 +93,7 @@ def _fast(found):
     others = ', among others,' * (len(found['teeth']) > _MOST_TEETH)
     steps = f'even steps of {found.size:.3g}°' if found.size else 'nearly even steps'
     sizes = found.evidence.get('sizes')
-    hangs = '; the size hangs on which, ' + ' to '.join(map(arcsec, sizes)) if sizes else ''
+    hangs = '; the size depends on the number, ' + ' to '.join(map(arcsec, sizes)) if sizes else ''
     return (f'A worm or gear of the {found["axis"]} with about {teeth} teeth{others} fits as well'
             f'{hangs}: the stars stand at {steps}. Observe at uneven steps')
 
@@ -104,9 +104,9 @@ def _nothing(found):
 
 
 def _absent(found):
-    return (f'Of {found["teeth"]:.6g} per turn of {found["axis"]} the fundamental is absent '
-            f'({found.size:.2f} ± {found.sigma:.2f}″). More likely are {2 * found["teeth"]:.6g} '
-            'teeth')
+    return (f'At {found["teeth"]:.6g} per turn of {found["axis"]} the fundamental is absent '
+            f'({found.size:.2f} ± {found.sigma:.2f}″). {2 * found["teeth"]:.6g} teeth are more '
+            'likely')
 
 
 #: kind of a `Finding` -> its sentence

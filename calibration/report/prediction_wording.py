@@ -33,10 +33,10 @@ def shares_text(shares):
 
 def _prediction(found):
     low = math.exp(-found.size)
-    ratio = (f'in blocks of time left out the RMS is {low:.2f} ± {low * found.sigma:.2f} of that '
-             'of the terms alone, without outliers')
+    ratio = (f'cross-validated in blocks of time the RMS is {low:.2f} ± {low * found.sigma:.2f} '
+             'times that of the terms alone, outliers excluded')
     if not found['beyond']:
-        return f'prediction: the terms alone are kept; with more {ratio}, which is not clear'
+        return f'prediction: the terms alone are kept; with more {ratio}, not significant'
     return (f'prediction: {shares_text(found["shares"])}; {ratio}. Largest parts: '
             f'{", ".join(map(readable, found["largest"]))}. No cause is claimed; diagnose looks '
             'for causes')
@@ -56,7 +56,7 @@ KINDS = {
     'reach of a prediction': _reach,
     'prediction by order': lambda found: (
         f'the file has no times: up to {found.size:.2f} arcsec RMS of the model follow the order '
-        'of these rows, and hold for them alone'),
+        'of these rows, and are valid for them only'),
     'better prediction': lambda found: (
         f'for prediction alone fit --predict is better: {found.after:.2f} arcsec RMS, '
         f'cross-validated in blocks of time; this diagnosis {found.before:.2f}. It names no '

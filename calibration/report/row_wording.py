@@ -136,7 +136,7 @@ def listed(rows, limit=10):
 
 def columns_alike(readings):
     """Sentence on readings of the columns that fit equally well."""
-    return ('the columns would fit as well if read otherwise. Check: '
+    return ('another reading of the columns fits equally well. Check: '
             + '. Or: '.join(readings))
 
 
@@ -251,7 +251,7 @@ def bad_nights(document, axes):
             + (f'{times[key]:.1f} times the scatter of the others' if times[key] > 1.5
                else 'as the others') for key, word in zip('xy', axes))
         sentences.append(f'The night {night["run"]} is bad: {each}'
-                    + (f'; {night["set_aside"]} of its {night["rows"]} rows are set aside as '
+                    + (f'; {night["set_aside"]} of its {night["rows"]} rows are excluded as '
                        'outliers' if night['set_aside'] else '') + '. Judge the model without it'
                     + (': on the other' + ('s' if len(good) > 1 else '') + ' it leaves '
                        + _together(good, 'after') + f' (before {_together(good, "before")}).'
@@ -267,16 +267,16 @@ def _together(nights, when):
 
 def _noise(found):
     both = [f'{arcsec(size)} ({axis})' for size, axis in zip(found['noise_arcsec'], found['axes'])]
-    return f'Noise of one star, by these differences: {" and ".join(both)}'
+    return f'Noise of one star, from these differences: {" and ".join(both)}'
 
 
 def _visited_again(found):
     more = ' and '.join(f'{arcsec(left)} ({axis})' for axis, left, noise in zip(
         found['axes'], found['left_arcsec'], found['noise_arcsec']) if left > _MORE * noise)
-    beside = f' beside the zeros of {found["zeros"]} sessions' if found['zeros'] > 1 else ''
+    beside = f' except the zeros of {found["zeros"]} sessions' if found['zeros'] > 1 else ''
     return (f'{found["places"]} places were visited again (within {found["radius_deg"]:g}°), and '
             f'nothing moved between visits{beside}. {_noise(found)}'
-            + (f'. The terms leave more, {more}, an error of the direction' if more else ''))
+            + (f'. Fit residuals are larger, {more}: an error of direction' if more else ''))
 
 
 def _together_again(rows):
@@ -289,7 +289,7 @@ def _together_again(rows):
 def _moved(found):
     size = f'{found.size:+.2f}'.replace('-', '−')
     return (f'the zero of the {found["axis"]} moved by {size} ± {found.sigma:.2f}″ between '
-            f'{found["word"]}s {found["before"]} and {found["after"]}, by {found["both"]} places '
+            f'{found["word"]}s {found["before"]} and {found["after"]}, from {found["both"]} places '
             f'visited before and after')
 
 
@@ -315,14 +315,14 @@ def _cluster(found):
         'time': f'one after the other ({found["of"]} rows)', 'star': f'of star {found["star"]}',
         'side': 'through the pole' if found['side'] else 'on this side of the pole'}
     look = {
-        'time': 'look at what was done then', 'star': 'look at the place of that star, and whether '
-        'it is double'}
+        'time': 'look at what was done then', 'star': 'check the position of that star, and '
+        'whether it is double'}
     rows = ', '.join(map(str, found['rows'][:_NAMED])) + (
         f' and {len(found["rows"]) - _NAMED} more' if len(found['rows']) > _NAMED else '')
     return (f'{len(found["rows"])} outliers lie together, {where[found["what"]]}. '
             f'{found["word"].capitalize()}s {rows} are {arcsec(abs(found.size))} too '
             f'{"high" if found.size > 0 else "low"} in {found["axis"]} (chance '
-            f'{found["chance"]:.1g}). They are excluded, but are no independent accidents: '
+            f'{found["chance"]:.1g}). They are excluded, but probably share a cause: '
             + look.get(found['what'], 'look at what is there (dome, cable, stop, encoder)'))
 
 
@@ -343,7 +343,7 @@ KINDS = {
     'better reading': lambda found: (
         f'{found["where"]}{", or ".join(found.causes)} would fit to {found.after:.1f} arcsec, the '
         f'seven terms to {found.before:.1f}. Check the {found["what"]}; an effect beyond the terms '
-        'may do so too'),
+        'can also cause this'),
     'star measured again': lambda found: (
         f'{found["word"]}s {"; ".join(map(_together_again, found["rows"]))} are repeated '
         'measurements of one star. They stay together in cross-validation. Their '

@@ -44,16 +44,16 @@ def _signed(found):
 
 def _pass_left_out(found):
     why = ('most are outliers' if np.isnan(found.size) else
-           f'they are {arcsec(found.size / ARCSEC)} from where the others say')
-    return (f'The pass of {found.causes[0]} that begins {_utc(found["begin"])} is left out with '
+           f'they disagree with the others by {arcsec(found.size / ARCSEC)}')
+    return (f'The pass of {found.causes[0]} that begins {_utc(found["begin"])} is excluded with '
             f'its {found["rows"]} rows: {why}. Check stamps, satellite and power-on')
 
 
 def _zero_of_power_on(found):
     each = ', '.join('{} {} ± {}″'.format(name, *value_and_error(*one))
                       for name, one in found['zeros'].items())
-    return (f'The terms have the zeros of power-on {found["newest"]:g}, the newest. Those of '
-            f'power-on {found["run"]:g} differ: {each}')
+    return (f'The zeros in the terms are those of power-on {found["newest"]:g}, the newest. '
+            f'Power-on {found["run"]:g} differs by {each}')
 
 
 def _stamps(found):
@@ -61,8 +61,8 @@ def _stamps(found):
     scale = f', as if in {found.causes[0]} time' if found.causes[0] and found.size > 0.0 else ''
     late = abs(found.size)
     size = f'{late / 3600.0:g} h' if late >= 3600.0 else f'{late:g} s'
-    return (f'the time stamps are {size} {word}{scale}: {found.before:.0f}" becomes '
-            f'{found.after:.0f}" without that; give UTC')
+    return (f'the time stamps are {size} {word}{scale}: corrected, {found.before:.0f}" becomes '
+            f'{found.after:.0f}"; give UTC')
 
 
 #: error common to all rows -> its name, its unit, and the size of the unit in the fit
@@ -84,16 +84,16 @@ def _shared(found):
 
 def _one_of_these(found):
     each = [f'the orbit of {name} along the track' for name in found.causes]
-    each += [f'the {one} beside what was given' for one in _shared(found)]
+    each += [f'the {one} from the given value' for one in _shared(found)]
     which = 'One of these' if len(each) > 1 else 'This'
     return (f'{which} is wrong ({_percent(found.size)}): {", or ".join(each)}. The fit allows for '
-            'it; more arcs, also of other satellites, tell more')
+            'it; to be sure, track more arcs, also of other satellites')
 
 
 def _old_elements(found):
     age = 'old' if found.size >= 0.0 else 'younger than the track'
-    return (f'elements of {found.causes[0]} are {abs(found.size):.1f} days {age}: errors of '
-            f'{found["error_km"]:.1f} km are to be expected; take a precise orbit if there is one')
+    return (f'elements of {found.causes[0]} are {abs(found.size):.1f} days {age}: expect errors '
+            f'of {found["error_km"]:.1f} km; use a precise orbit if there is one')
 
 
 KINDS = {
@@ -107,31 +107,31 @@ KINDS = {
         'jumped or the clock was set between passes. Number the power-ons (column run); do not '
         'trust these terms'),
     'common to all': lambda found: (
-        f'Something that all rows share is off ({_percent(found.size)}), no orbit need be: '
-        f'{", or ".join(_shared(found))}, beside what was given. The fit allows for it; set it '
-        'right'),
+        f'Something that all rows share is wrong ({_percent(found.size)}), not necessarily an '
+        f'orbit: {", or ".join(_shared(found))} from the given value. The fit allows for it; '
+        'correct it'),
     'pass left out': _pass_left_out,
     'tracks disagree': lambda found: (
-        f'The tracks disagree: {found.size:.1f}" are left (RMS), {found.size / found["noise"]:.0f} '
+        f'The tracks disagree: {found.size:.1f}" RMS are left, {found.size / found["noise"]:.0f} '
         'times the noise of the rows. An orbit, a pass or a stamp is wrong, or a zero has moved: '
         'do not trust these terms'),
     'outliers of tracks': lambda found: (
-        f'{found.size} of {found["of"]} rows are left out as outliers, the first at '
+        f'{found.size} of {found["of"]} rows are excluded as outliers, the first at '
         f'{_utc(found["first"], ":%S")} ({found.causes[0]})'),
     'whole stamps': lambda found: (
         f'Every time stamp is a whole second, and rows scatter along the track by {found.size:.2f} '
-        's. The stamps are rounded or cut off: they tell no clock. Write fractions of seconds'),
+        's. The stamps are rounded or truncated: useless for the clock. Log fractions of seconds'),
     'stamps scatter': lambda found: (
         f'Rows scatter along the track by {found.size:.3f} s from one to the next, far more than '
         'across: their stamps do. Stamp each row where the encoder is latched or the shutter '
         'opens, not where a message or file comes'),
     'miss reversed': lambda found: (
         f'The sign of {" and ".join(found.causes)} looks reversed: the other sign would leave '
-        f'{found.after:.1f} in place of {found.before:.1f} arcsec'),
+        f'{found.after:.1f} instead of {found.before:.1f} arcsec'),
     'zero of a power-on': _zero_of_power_on,
     'stamps off': _stamps,
     'not the satellite': lambda found: (
-        f'the rows are {found.size:.1f} degrees from where the orbits say, beyond the zeros of the '
+        f'the rows are {found.size:.1f} degrees from the orbits, too far for zeros of the '
         'axes. Check satellite, time, site and the columns of the angles'),
     'tracks determine no terms': lambda found: (
         f'These tracks do not determine the terms: {found.size:.1f}" over the sky (RMS), worse '

@@ -94,12 +94,12 @@ KINDS = {
     'night left out': _left_out,
     'odd night': lambda found: (
         f'{found["date"]} ({found["source"]}) is left out: its {found["term"]} is '
-        f'{found.size:+.0f}\u2033 off the nights about it, {found["times"]:.0f} times their '
-        'scatter. See what was wrong there'),
+        f'{found.size:+.0f}\u2033 from the nights around it, {found["times"]:.0f} times their '
+        'scatter. Check what was wrong then'),
     'step outside the season': lambda found: f'{found["step"]}: no night before or after it',
     'cause unknown tonight': lambda found: (
-        f'{", ".join(found.causes)} of the night to come is not known: taken as the mean of the '
-        'season (--tonight COLUMN=VALUE)'),
+        f'{", ".join(found.causes)} of the coming night is unknown: the season mean is used '
+        '(--tonight COLUMN=VALUE)'),
     'season declared': lambda found: f'{found["cause"]}: {_moved(found)}',
     'season step': lambda found: f'{_moved(found)}: what was done to the mount then?',
     'season year': _year,

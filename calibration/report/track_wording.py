@@ -26,25 +26,25 @@ def _filter_consistency(found):
 def _filter_widened(found):
     noise, walk = f'{found["noise"]:.2f} times', f'{found["walk"]:.2f} times'
     return f'{_filter_consistency(found["verdict"])}; ' + {
-        'walk': f'drifts are thought {walk} as fast from now on',
-        'noise': f'the noise of stars is taken {noise} as large from now on',
-        'both': f'from now on the noise of stars is taken {noise} as large, drifts {walk} as fast',
-        'neither': 'the noise of stars or the drift that is expected is too large',
+        'walk': f'drifts are assumed {walk} as fast from now on',
+        'noise': f'the noise of stars is assumed {noise} as large from now on',
+        'both': f'from now on star noise is assumed {noise} as large, drifts {walk} as fast',
+        'neither': 'the assumed star noise or drift is too large',
     }[found['changed']]
 
 
 KINDS = {
-    'no stamp': lambda found: 'a stamp that is no number',
+    'no stamp': lambda found: 'a time stamp that is not a number',
     'late measurement': lambda found: (
-        f'stamp {found.size:.3f} s before the last one; what is late is not taken'),
+        f'stamp {found.size:.3f} s before the last one; late measurements are not used'),
     'no number': lambda found: 'a value that is not finite',
     'no sigma': lambda found: 'a sigma that is not finite and positive',
     'star twice': lambda found: (
-        f'star {found["star"]}: there is one of this stamp already; it counts once'),
+        f'star {found["star"]}: measured twice with this time stamp; counted once'),
     'star out of reach': lambda found: (
-        f'star {found["star"]}: the mount cannot look there by the model; check the place'),
+        f'star {found["star"]}: the mount cannot point there by the model; check the position'),
     'unknown sensor': lambda found: (
-        f'{found["sensor"]}: not among the sensors that this filter was made with; name it there'),
+        f'{found["sensor"]}: not a sensor of this filter; name it when you make the filter'),
     'long gap': lambda found: (
         f'nothing for {found.size:.1f} h: zeros and tilt get the uncertainty of a '
         'new night'),

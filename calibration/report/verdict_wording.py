@@ -176,8 +176,8 @@ def _statements(document, effects, caution):
     if verdict == 'wanders':
         correlation = document['wander']
         what, then = (
-            'Neighbouring rows err alike: the zero drifts, or the model lacks an effect of the '
-            'direction', 'Observe once more in an order that mixes the sky.') \
+            'Errors of neighbouring rows are correlated: the zero drifts, or the model lacks an '
+            'effect of direction', 'Observe once more in an order that mixes the sky.') \
             if correlation.get('along_the_sky') else (
             'The zero drifts, or another effect is present that these rows cannot separate from '
             'a drift'

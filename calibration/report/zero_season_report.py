@@ -74,7 +74,7 @@ def season_table(document):
     """
     found = document['causes']
     axes = [found['axes'][name] for name in AXES]
-    out = new_table(f'What the zeros of {found["nights"]} power-ons follow', '', *AXES)
+    out = new_table(f'Causes of changes of the zero, {found["nights"]} power-ons', '', *AXES)
 
     def row(what, cell, *more):
         out.add_row(what, *(cell(*values) for values in zip(axes, *more)))
@@ -85,9 +85,9 @@ def season_table(document):
     row('p over all drivers and both axes', lambda axis: decimals(axis['p'], 3))
     row('zeros, std, arcsec', lambda axis: decimals(axis['std_arcsec']))
     row('unexplained, arcsec', lambda axis: decimals(axis['unexplained_arcsec']))
-    row('night left out, without causes, arcsec',
+    row('cross-validated by night, without causes, arcsec',
         lambda axis: decimals(axis.get('left_out_before_arcsec')))
-    row('night left out, with them, arcsec',
+    row('cross-validated by night, with causes, arcsec',
         lambda axis: decimals(axis.get('left_out_after_arcsec')))
     if document['tonight']:
         tonight = [document['tonight'][name] for name in AXES]
@@ -118,7 +118,7 @@ def season_lines(document):
     if found['drivers']:  # else the text has them
         lines += [f'not tried: {line}' for line in found['not_tried']]
     if found['left_out']:
-        lines.append('power-ons left out, a driver is not known: '
+        lines.append('power-ons excluded, a driver is unknown: '
                      + ', '.join(map(str, found['left_out'])))
     return lines
 

@@ -38,8 +38,8 @@ def _unknown(found):
 def _few(found):
     lost = found['incomplete']
     lost = f', {lost} more without a covariate' if lost else ''
-    return (f'{found.size} power-ons with a zero{lost}: too few to name a cause, which takes '
-            f'{found["needed"]}')
+    return (f'{found.size} power-ons with a zero{lost}: too few to name a cause; at least '
+            f'{found["needed"]} are needed')
 
 
 def _causes(found):
@@ -52,8 +52,8 @@ def _causes(found):
 def _follows(found):
     slopes = ', '.join(f'{one["slope_arcsec"]:+.2f} ± {one["sigma_arcsec"]:.2f}"/{one["unit"]}'
                        for one in found['slopes'])
-    return (f'the zero follows the {_words(found.causes)} ({slopes}; p {found["p"]:.3f} over all '
-            f'covariates and both axes); {found.after:.1f}" of {found.size:.1f}" are left')
+    return (f'the zero changes with the {_words(found.causes)} ({slopes}; p = {found["p"]:.3f} '
+            f'over all covariates and both axes); {found.after:.1f}" of {found.size:.1f}" remain')
 
 
 KINDS = {
@@ -61,19 +61,19 @@ KINDS = {
     'covariate constant': lambda found: (
         f'{_words(found.causes)}: constant ({found.size:.2g} {found.unit} rms over the nights)'),
     'odd power-on': lambda found: (
-        f'power-on {found["run"]} is left out: its zero of {found["axis"]} is {found.size:+.0f}" '
-        f'off what the others say, {found["times"]:.0f} times their error. See what was wrong '
-        'there'),
+        f'power-on {found["run"]} is excluded: its zero of {found["axis"]} is {found.size:+.0f}" '
+        f'from that of the others, {found["times"]:.0f} times their error. Check what was wrong '
+        'then'),
     'few power-ons': _few,
     'causes of zeros': _causes,
     'zero follows': _follows,
     'covariates alike': lambda found: (
-        f'undecided: {_words(found.causes, " or ")} explain the zero alike, because they changed '
-        'together; nights on which they differ will decide'),
+        f'undecided: {_words(found.causes, " or ")} explain the zero equally well, because they '
+        'changed together; nights on which they differ will decide'),
     'common trend': lambda found: (
         f'undecided: the zero correlates with the {_words(found.causes)} over the season, not from '
         'night to night. A random walk or drift looks the same'),
-    'zero follows nothing': lambda found: 'nothing found that the zero follows',
+    'zero follows nothing': lambda found: 'no cause found for changes of the zero',
 }
 
 
@@ -85,17 +85,17 @@ def zero_statement(zero):
     first, second = zero.mount.names.axes
     by = '' if zero.by == BY_POLARIS else f'by {zero.by}: '
     wide = '' if zero.misfit == 1.0 else (
-        f'; the stars disagree by {zero.misfit:.1f} times what their noise and the held terms '
-        'allow (a term has changed): sigma is widened by that')
+        f'; the stars disagree {zero.misfit:.1f} times more than their noise and the held terms '
+        'allow (a term has changed): sigma is increased by this factor')
     if zero.reference == NO_MODEL and not (list_of('az') or list_of('el')):
-        return (f'{by}no earlier model is its reference: the stars themselves separate the zero '
+        return (f'{by}no reference model: the stars themselves separate the zero '
                 f'from the other terms, within its sigma{wide}')
     each = f'{first} by {list_of("az")}; {second} by {list_of("el")}{wide}'
     if zero.reference == NO_MODEL:
-        return (f'{by}no earlier model is its reference, so the other terms are in the zero. '
+        return (f'{by}no reference model, so the zero includes the other terms. '
                 f'1\u2033 of a term shifts it: {each}')
-    return (f'{by}the zero is right as long as the other terms are as they were at its reference '
-            f'({zero.reference}). 1\u2033 of change in one of them makes it wrong: {each}')
+    return (f'{by}the zero is valid while the other terms stay as in its reference '
+            f'({zero.reference}). A change of 1\u2033 in a term shifts it: {each}')
 
 
 def zero_document(zero):

@@ -296,7 +296,7 @@ def test_a_calibration_started_anew_says_what_it_took_up(graph):
     assert stamp == START and told == zero and (told.started, told.model) == (1e9, name)
     assert identity(models[0].data) == name
     table.publish(run_to_cloud(night, START))
-    graph.wait_for(lambda: 'took up 26 observations, zeros by Polaris of power-ons 1; the active '
+    graph.wait_for(lambda: 'restored 26 observations, zeros by Polaris of power-ons 1; the active '
                    'model' in status[-1].message, lambda: status[-1].message)
     assert graph.call('calibrate_zero').success
     graph.wait_for(lambda: len(zeros) == 2)
@@ -358,9 +358,9 @@ def test_a_pair_that_does_not_go_together_is_not_taken_up(graph):
     graph.add(Calibration)
     graph.connect()
     pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, PowerOnZero(0, 0, model='none'))))
-    graph.report('calibration', '1 messages refused', 'taken up', 'nothing: there from the start')
+    graph.report('calibration', '1 messages refused', 'taken up', 'nothing: up since the start')
     pair.publish(String(data='{}'))
-    graph.report('calibration', '2 messages refused', 'taken up', 'nothing: there from the start')
+    graph.report('calibration', '2 messages refused', 'taken up', 'nothing: up since the start')
 
 
 def test_an_observer_that_has_lost_the_night_gets_it_back(graph):

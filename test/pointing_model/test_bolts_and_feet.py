@@ -163,7 +163,7 @@ def test_a_guessed_equinox_is_said_before_a_bolt_is_turned():
     guess = {'told': False, 'taken': 'J2000', 'other': 'of date', 'polar_axis_arcsec': {
         'J2000': {'MA': 10.0, 'ME': 20.0}, 'of date': {'MA': 170.0, 'ME': -460.0}}}
     assert alignment_lines(alignment_document(model, equinox=guess))[0] == (
-        'Say the equinox of the catalogue before a bolt is turned (--equinox): J2000 is a guess; '
+        'Give the equinox of the catalogue (--equinox) before you turn a bolt: J2000 is a guess; '
         'of date moves MA by 2\u2032 40\u2033, ME by 8\u2032 00\u2033.')
     known = alignment_document(model, equinox={**guess, 'told': True})
     assert len(alignment_lines(known)) == 3

@@ -220,5 +220,5 @@ def test_a_folder_of_solved_images_is_watched(ended, tmp_path):
     code, out, err = ended('bolts', '--live', tmp_path, '--for', 5, '--every', 0.1)
     assert err == '' and 'Image 2 of 3 is solved' in out
     assert 'Three images are solved: the axis is 30' in out
-    assert 'One image is solved; all but the bolts is held: the axis is 0.' in out
+    assert 'One image is solved, only the bolts fitted: the axis is 0.' in out
     assert 'Lock the bolts' in out and 'Done: measured once more' in out and code == 0

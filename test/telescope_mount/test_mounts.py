@@ -115,8 +115,8 @@ def test_half_a_site_goes_with_the_half_that_the_file_tells(ended, refused, germ
 
 
 def test_a_fit_says_whether_the_errors_go_through_the_pole(ended, tmp_path):
-    for kind, words in (('mount', 'the errors go through the pole with the mount: '),
-                        ('sky', 'the errors do not go through the pole with the mount: ')):
+    for kind, words in (('mount', 'the errors are of the mount, on both sides of the pier: '),
+                        ('sky', 'the errors are on the sky, the same on both sides of the pier: ')):
         run, terms = a_run(kind, 7)
         write_csv(run, tmp_path / f'{kind}.csv')
         code, out, _ = ended('fit', tmp_path / f'{kind}.csv', '--terms', ','.join(NAMES),

@@ -82,7 +82,7 @@ def test_stamps_of_another_scale_or_time_zone_are_named(refused, folder):
 @pytest.mark.parametrize(('text', 'more', 'message'), [
     ('time,satellite,az_enc_deg,el_enc_deg\n' + ''.join(
         f'2017-12-03T{h:02d}:{m}:00Z,A01,{20 * h},{20 + m}\n' for h in (1, 2)
-        for m in (10, 30, 50)), (), 'degrees from where the orbits say'),
+        for m in (10, 30, 50)), (), 'degrees from the orbits'),
     ('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n', (),
      '3 satellites; name one with --object: A01, B02, C03'),
     ('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n', ('--object', 'Z9'),
@@ -122,7 +122,7 @@ def test_a_few_wild_rows_and_a_pass_under_another_name_refuse_no_file(ended, fol
     rows = [line.split(',') for line in lines[4:]]
     wild = [','.join([*row[:2], '0', '0'] if i % 12 == 5 else row) for i, row in enumerate(rows)]
     named = [','.join([row[0], row[1].replace('A01', 'C03'), *row[2:]]) for row in rows]
-    for name, changed, said in (('wild', wild, 'rows are left out as outliers, the first at 2017'),
+    for name, changed, said in (('wild', wild, 'rows are excluded as outliers, the first at 2017'),
                                 ('named', named, 'The pass of C03 that begins 2017')):
         path = tmp_path / f'{name}.csv'
         path.write_text('\n'.join([*lines[:4], *changed]) + '\n')

@@ -72,7 +72,7 @@ def test_season_and_track_say_what_columns_may_be_mistaken_for(ended, folder, mo
         return ColumnCheck([out], ['the clock of one night'])
     monkeypatch.setattr('calibration.analysis.season.season_nights.check_columns', checked)
     said = ' '.join(ended('season', folder, '--verbose')[1].split())
-    assert said.count(f'if read otherwise. Check: {out}') == 1
+    assert said.count(f'fits equally well. Check: {out}') == 1
     assert said.count('note: the clock of one night') == 12
     monkeypatch.setattr('calibration.analysis.tracking.run_track.check_columns', checked)
     run = read_run(next(folder.iterdir()))

@@ -35,7 +35,7 @@ def test_zeros_that_follow_the_temperature(tmp_path, ended):
     file = written(tmp_path / 'zeros.csv', more='2026-02-01T18:00:00,,,10.0,5.0\n')
     code, out, err = ended('zeros', file, '--json', tmp_path / 'out.json')
     assert (code, err) == (0, '')
-    assert 'the zero follows the temperature' in out and 'tonight, predicted' in out
+    assert 'the zero changes with the temperature' in out and 'tonight, predicted' in out
     assert 'not tried: supply voltage: constant' in out and (tmp_path / 'out.json').is_file()
     judged = zero_file_causes(file)
     for axis in ('azimuth', 'elevation'):

@@ -130,7 +130,7 @@ def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_
     session, model, report = fitted(run)
     assert model.mount.on_sky and report['errors_act'] == 'sky'
     assert report['origin_of_errors']['holds'] == 'sky'
-    assert 'do not go through the pole' in report['notes'][-1]
+    assert 'the same on both sides of the pier' in report['notes'][-1]
     assert abs(model.terms['CH'] - terms['CH']) < 2.0 * ARCSEC
     assert rms(*model.residuals(run)) < 2.0 * ARCSEC  # of rows that do not know whose errors are
     assert session.diagnose().model.mount.on_sky

@@ -39,7 +39,7 @@ def test_a_worse_model_is_seen_and_a_better_one_let_through():
     assert sum(not found.holds for found in better) <= 3
     assert all(set(found.worse) <= {'el', 'radial'} for found in worse)
     one = worse[0]
-    assert one.rows == 30 and 'rows that it has not seen' in comparison_sentence(one)
+    assert one.rows == 30 and '30 new rows: ' in comparison_sentence(one)
     assert one.to_dict()['radial']['after_arcsec'] == one.radial.after
 
 

@@ -86,17 +86,17 @@ def test_a_cause_that_takes_more_effects_is_the_last_and_is_not_checked_first():
             'more_effects': 3, 'delta_bic': 20.0}
     row = {'name': 'elevation_encoder_2', 'causes': [*CAUSES[1:], easy]}
     told = causes_sentence(row['causes'])
-    assert told.endswith(') Scale (with three effects more beside it).')
+    assert told.endswith(') Scale (needs three other effects with it).')
     said = first_check({}, row)
     assert said.startswith(f'Check first: {CAUSES[1]["look_at"]}.')
-    assert 'the other needs more effects beside it' in said
+    assert 'the other needs other effects with it' in said
 
 
 def test_the_cheapest_check_is_advice():
     told = document(CAUSES, unphysical=[{'name': 'TF'}])
     row = {**told['effects'][0], 'axes': 'el', 'driver': 'elevation'}
     text = first_check(told, row)
-    assert text.startswith('It bears on the same curve as TF (above): check that first. Then: ')
+    assert text.startswith('It has the same curve as TF (above): check that first. Then: ')
     assert text.endswith(': visual inspection, no disassembly; the other takes more effort. The '
                          'data cannot distinguish the causes.')
     assert first_check(document(CAUSES), row).startswith('Check first: bolts')

@@ -34,7 +34,7 @@ def test_a_sign_that_the_effects_only_leave_in_doubt_is_told():
                              'altaz': True})
     assert text.startswith(
         'TF, tube flexure, is negative (−60.2 ± 3.1″ before the effects were added; '
-        '−13.4″ beside them, which take up the same curve). Weight cannot lift a tube.')
+        '−13.4″ with them, because they have the same curve). Weight cannot lift a tube.')
 
 
 def test_a_tube_that_bends_up():
@@ -43,14 +43,14 @@ def test_a_tube_that_bends_up():
     assert text.startswith('TF, tube flexure, is negative (−78.1 ± 6.3″)')
     assert implausible_caution({**row, 'what': 'sign'}) == (
         'TF is −78.1 ± 6.3″, of the wrong sign for a mount: check refraction, columns and signs.')
-    assert 'refraction is in the star places twice' in text and 'Check first, at the desk' in text
+    assert 'refraction was applied twice' in text and 'Check first, at the desk' in text
     assert not implausible_values([{**row, 'value_arcsec': -12.0}, {**row, 'name': 'AW'},
                                    {**row, 'value_arcsec': 78.1}])
 
 
 @pytest.mark.parametrize('gain, said', [
-    (9.0, 'Most likely the refraction is in the star places twice'), (0.0, 'explains it as well'),
-    (-30.0, 'explains a part')])
+    (9.0, 'Most likely refraction was applied twice'), (0.0, 'explains it as well'),
+    (-30.0, 'explains only a part')])
 def test_what_refraction_has_to_do_with_it(gain, said):
     fitted = {'value_arcsec': -41.0, 'delta_bic': gain, 'beside_arcsec': -20.0}
     row = {'name': 'TF', 'what': 'sign', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3,
@@ -78,7 +78,7 @@ def test_sizes_that_no_mount_has():
     assert not named('TX', 8.0) and not named('CA', 900.0) and not named('AW', 4000.0)
     text, = map(wording, implausible_values(
         [{'name': 'TX', 'value_arcsec': -58.0, 'sigma_arcsec': 1.0}]))
-    assert 'put into the star places twice' in text
+    assert 'applied twice to the star places' in text
 
 
 def test_refraction_that_was_put_in_twice_is_told_from_the_rows():

@@ -108,7 +108,7 @@ def test_a_zero_that_wanders_evenly_has_its_rate_in_the_headline():
     told = {**document([]), 'verdict': 'wanders', 'effects': [], 'wander': slow(62.6)}
     headline, _ = verdict_sentences(told)
     assert headline.endswith(
-        'the model lacks an effect of the direction: the elevation error falls by 226″ an hour')
+        'the model lacks an effect of direction: the elevation error falls by 226″ an hour')
     headline, _ = verdict_sentences({**told, 'wander': {**slow(62.6), 'along_the_sky': None}})
     assert headline == ('The zero drifts; the cause is unknown: the elevation error falls by 226″ '
                         'an hour')

@@ -157,7 +157,7 @@ def test_the_zeros_go_with_what_is_measured_where_the_marks_are_met(experiment):
 def test_what_does_not_change_is_no_cause(experiment):
     text = ' '.join((experiment.parent / 'stdout').read_text().split())
     assert 'not tried: side from which the mark was met: constant' in text
-    assert 'What the zeros of 6 power-ons follow' in text
+    assert 'Causes of changes of the zero, 6 power-ons' in text
 
 
 @pytest.mark.parametrize('given, scenario', [

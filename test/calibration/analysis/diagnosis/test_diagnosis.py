@@ -311,7 +311,7 @@ def test_outliers_and_slips():
     assert slips['elevation_decode_slip_bars']['multiples'] == [-1]
     assert [e['row'] for e in result.excluded] == [50, 40]
     assert 'not finite' in result.excluded[0]['reason']
-    assert any('azimuth encoder was read whole bars' in note and note.endswith('row 7 (+2)')
+    assert any('encoder readings were off by whole bars' in note and note.endswith('row 7 (+2)')
                for note in map(wording, result.notes))
     # without a declared graduation, or a reading, they are outliers as any other
     for meta in ({'graduation': None}, {'raw_reading': False}):
@@ -367,7 +367,7 @@ def test_held_out_rows_and_drivers_that_fail_are_said():
     result = diagnose(night(80, effect=backlash(8.0)), holdout=later, **FAST)
     assert 'held out: run:4 left out: az_enc not finite' in '\n'.join(map(wording, result.notes))
     assert wording(result.cautions[0]) == (
-        'run cannot judge "azimuth hysteresis, × cos E": the direction of approach is not known '
+        'run cannot test "azimuth hysteresis, × cos E": the direction of approach is not known '
         '(column approach_az).')
     # nothing else to judge: no figure, and no night is bad
     assert result.held_out == [] and result.after['holdout_rms_arcsec'] is None
@@ -380,7 +380,7 @@ def test_rows_without_the_driver_judge_nothing_and_the_others_do():
     one, = result.held_out
     assert one['rows'] == 50 and one['bad'] is None and not result.cautions
     assert result.after['holdout_rms_arcsec'] < 1.8 < result.before['holdout_rms_arcsec']
-    assert any('judge nothing' in wording(note) and note.size == 10 for note in result.notes
+    assert any('held out, but no test' in wording(note) and note.size == 10 for note in result.notes
                if not isinstance(note, str))
 
 
@@ -391,7 +391,7 @@ def test_a_drift_of_one_night_is_not_judged_by_another():
     later.columns['time'] += 86400.0
     result = diagnose(night(94, effect=drift(5.0)), holdout=later, **FAST)
     assert [e.fitted.effect.driver for e in result.effects] == ['time']
-    assert 'beyond the times fitted' in wording(result.cautions[0])
+    assert 'outside the fitted times' in wording(result.cautions[0])
     assert 'bad' not in paragraph(result.cautions) and result.held_out == []
 
 
@@ -539,7 +539,7 @@ def test_a_held_out_night_that_contradicts_is_not_called_bad():
         assert bool(one['bad']) == (contradicts is None)
         assert one['contradicts'] == bool(contradicts)
         said = paragraph(result.cautions)
-        assert ('contradicts what was found: ' in said) == bool(contradicts)
+        assert ('contradicts the effects: ' in said) == bool(contradicts)
 
 
 def test_few_rows_without_an_effect_contradict_it():

@@ -85,7 +85,7 @@ def test_a_column_of_a_truss_explains_flexure_better_than_the_order():
     assert not any('order' in name for name in names(result))
     # and it is named where it was not said to be a cause
     result = diagnose(PointingRun(columns, {}), **FAST)
-    assert any('say --cause auxiliary_1' in note for note in notes(result))
+    assert any('use --cause auxiliary_1' in note for note in notes(result))
 
 
 def test_how_late_it_is_is_told_by_a_log_that_begins_early_enough(tmp_path):
@@ -110,9 +110,9 @@ def test_how_late_it_is_is_told_by_a_log_that_begins_early_enough(tmp_path):
         assert len(context.log_of('temperature')[0]) == len(rows)
         result = diagnose(read, **FAST)
         assert result.counts['rows_used'] == result.counts['rows_read'] == len(run)
-        told.append(next(note for note in notes(result) if 'the flexure follows' in note))
-    assert 'min before the run on' in told[0]
-    minutes = float(told[1].split('temperature ')[1].split(' min')[0])
+        told.append(next(note for note in notes(result) if 'flexure' in note and 'lag' in note))
+    assert 'min before the first star' in told[0]
+    minutes = float(told[1].split('temperature by ')[1].split(' min')[0])
     assert minutes == pytest.approx(30.0, abs=3.0)
 
 

@@ -123,7 +123,7 @@ def test_at_even_steps_a_slow_wave_may_be_a_worm():
 def test_declared_teeth_that_the_wave_has_not_are_said():
     h = np.random.default_rng(1).uniform(-70.0, 70.0, 70) * DEG
     twice = said_of_gears(in_hour_angle(h, 180.0, 'ha=90'))[ABSENT]
-    assert twice.size < 1.0 and wording(twice).endswith('″). More likely are 180 teeth')
+    assert twice.size < 1.0 and wording(twice).endswith('″). 180 teeth are more likely')
     wrong = said_of_gears(in_hour_angle(h, 180.0, 'ha=171'))[NOTHING]
     assert wrong['turns'] == pytest.approx([180.0], abs=0.2)
     assert wording(wrong).startswith('Nothing was found at the declared 171 per turn of hour angle')
@@ -143,7 +143,7 @@ def test_periods_that_fit_as_well_at_even_steps_leave_the_cause_open():
     said, = (note for note in result.notes if getattr(note, 'kind', '') == FAST)
     assert said['sizes'][1] > said['sizes'][0] + 1.0
     assert 'or gear of the hour angle with about 108 or 180 ' in wording(said)
-    assert 'the size hangs on which, ' in wording(said)
+    assert 'the size depends on the number, ' in wording(said)
 
 
 def power_ons(*phases, **meta):
@@ -180,7 +180,7 @@ def test_what_single_runs_show_is_no_unexplained_scatter():
         for name in 'ab']}
     document = {'mount': 'german', 'verdict': 'none', 'unequal_axes': found}
     assert short_headline(document, ()).endswith(
-        'No effect of all runs explains that, but alone a.csv, b.csv show hour angle encoder, 1 '
-        'per turn.')
+        'No effect common to all runs explains that, but alone a.csv, b.csv show hour angle '
+        'encoder, 1 per turn.')
     del found['runs_alone']
     assert short_headline(document, ()).endswith('. No effect explains that.')

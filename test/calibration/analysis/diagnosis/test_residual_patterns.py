@@ -124,7 +124,7 @@ def test_what_is_said_after_a_step_is_said_beside_its_sessions():
     assert begins(found.run) == [50] and (found.terms.weights > 0.0).all()
     notes = ' '.join(wording(one) for one in found.findings if not isinstance(one, str))
     assert 'between rows 49 and 50' in notes
-    assert 'nothing moved between visits beside the zeros of 2 sessions' in notes
+    assert 'nothing moved between visits except the zeros of 2 sessions' in notes
 
 
 def test_where_nothing_moved_the_noise_is_told():
@@ -179,8 +179,9 @@ def test_consecutive_rows_that_err_alike_are_told_of():
     run = remembering(0, 0.95)
     (one,) = memory_of(run.select(np.random.default_rng(0).permutation(len(run))))  # by time
     assert one['terms'] == ['IA', 'IE']
-    text = ('Consecutive rows err alike in azimuth and elevation (correlation 0.6): the error of '
-            'IA and IE is larger than printed. telescope-mount diagnose reckons with it')
+    text = ('Errors of consecutive rows are correlated in azimuth and elevation (r = 0.6): the '
+            'true error of IA and IE is larger than printed. telescope-mount diagnose allows '
+            'for it')
     assert wording(one) == text and text in fit_document(fit_run(run))['notes']
 
 

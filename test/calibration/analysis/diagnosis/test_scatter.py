@@ -42,10 +42,10 @@ def test_scatter_that_is_not_the_same_at_all_elevations_is_told():
     sizes = [band['rms_arcsec'] for band in found['bands']]
     assert sizes[1] > 1.3 * max(sizes[0], sizes[2])
     text = scatter_sentence({'unequal_scatter': found})
-    assert text.startswith('What is left in elevation is not the same at all elevations: ')
-    assert 'so this is no noise of the sky' in text
+    assert text.startswith('Residuals in elevation change with elevation: ')
+    assert 'so this is not sky noise' in text
     found['bands'][0]['rms_arcsec'] = 9.0
-    assert 'may be that' in scatter_sentence({'unequal_scatter': found})
+    assert 'can cause this' in scatter_sentence({'unequal_scatter': found})
     assert scatter_sentence({}) == ''
     assert sum(unequal_scatter(scattered(seed)) is not None for seed in range(100)) <= 1
     assert unequal_scatter(scattered(1, 4.0, n=20)) is None

@@ -243,7 +243,7 @@ def test_a_pass_that_no_other_agrees_with_is_left_out(degrees):
     assert fit.left_out == () and arc not in fit.tracks.arc and agrees(fit)
     assert len(np.unique(fit.tracks.arc)) == len(np.unique(tracks.arc)) - 1
     said = worded(track_document(fit))['notes'][0]
-    assert said.startswith('The pass of A01 that begins 20') and 'is left out with its' in said
+    assert said.startswith('The pass of A01 that begins 20') and 'is excluded with its' in said
 
 
 @pytest.mark.parametrize('count', [1, 2, 3])
@@ -279,7 +279,7 @@ def test_each_power_on_has_a_zero():
     value, sigma = fit['IA[7]']
     assert abs(value - 100.0 * ARCSEC) < 4.0 * sigma < 4.0 * ARCSEC
     notes = ' '.join(worded(track_document(fit))['notes'])
-    assert 'The terms have the zeros of power-on 8, the newest. Those of power-on 7' in notes
+    assert 'The zeros in the terms are those of power-on 8, the newest. Power-on 7' in notes
 
 
 @pytest.mark.parametrize(('name', 'wrong', 'text'), [
@@ -290,7 +290,7 @@ def test_what_all_satellites_share_is_named_before_an_orbit(name, wrong, text):
     fit = fit_without_faults(off(tracks, *wrong * tracks.common[name]))
     assert fit.left_out == () and fit.suspects == {} and agrees(fit)
     first, *_ = notes = worded(track_document(fit))['notes']
-    assert 'Something that all rows share is off (over 99 %)' in first and text in first
+    assert 'Something that all rows share is wrong (over 99 %)' in first and text in first
     assert not any('wrong along the track' in note for note in notes)
     value, sigma = fit.notes[0][name]
     assert abs(value - wrong) < 4.0 * sigma < abs(wrong)
@@ -330,7 +330,7 @@ def test_a_part_of_a_pass_that_is_elsewhere_is_left_out_by_name():
     rows = (tracks.arc == np.unique(tracks.arc)[2]) & (np.arange(len(tracks)) % 2 == 0)
     fit = fit_without_faults(off(tracks, rows * 5.0 * DEG))
     assert agrees(fit) and len(fit.tracks) == len(tracks) - rows.sum()
-    assert f'is left out with its {rows.sum()} rows' in worded(track_document(fit))['notes'][0]
+    assert f'is excluded with its {rows.sum()} rows' in worded(track_document(fit))['notes'][0]
 
 
 def test_stamps_of_whole_seconds_or_that_scatter_are_named():

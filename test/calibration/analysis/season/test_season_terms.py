@@ -142,7 +142,7 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     assert 'TF vs temperature' in found['column']['sentence']
     assert document['tonight']['terms_arcsec']['TF'] == pytest.approx(15.0, abs=5.0)
     cold = analyse_season(nights)
-    assert any('temperature of the night to come is not known' in note
+    assert any('temperature of the coming night is unknown' in note
                for note in worded(cold.notes))
     assert abs(cold.mean[2] / ARCSEC) < 5.0
     # what the temperature scatters from night to night is in its error

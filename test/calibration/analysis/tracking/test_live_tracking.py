@@ -71,7 +71,7 @@ def test_a_night_is_tracked_from_an_earlier_model_and_goes_on_to_the_bit():
 
 def test_it_begins_anew_from_a_fit():
     state = CalibrationState(mode='track')
-    assert 'begins with a model' in tracking_problems(state.tracked)[0]
+    assert 'needs a model' in tracking_problems(state.tracked)[0]
     feed(state, rows(24, second=0.0))
     state.fit()
     assert state.tracked.stars == 0

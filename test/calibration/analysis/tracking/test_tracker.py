@@ -170,12 +170,12 @@ def test_what_cannot_be_is_refused_in_a_line_and_changes_nothing():
     x, sigma = 10 * ARCSEC, ARCSEC
     for heard, words in (
             (tracker.star(HOUR - 1, 1.0, 1.0, x, x, sigma), 'before the last'),
-            (tracker.star(HOUR, 1.0, 1.0, x, x, sigma), 'counts once'),
+            (tracker.star(HOUR, 1.0, 1.0, x, x, sigma), 'counted once'),
             (tracker.star(2 * HOUR, 1.0, np.nan, x, x, sigma), 'not finite'),
             (tracker.star(2 * HOUR, 1.0, 1.0, x, np.inf, sigma), 'not finite'),
             (tracker.star(2 * HOUR, 1.0, 1.0, x, x, 0.0), 'sigma'),
             (tracker.star(np.nan, 1.0, 1.0, x, x, sigma), 'stamp'),
-            (tracker.difference(2 * HOUR, 0, x, sigma), 'sensors'),
+            (tracker.difference(2 * HOUR, 0, x, sigma), 'not a sensor'),
             (tracker.power_on(2 * HOUR, sigma=np.nan), 'sigma')):
         assert not heard.taken and words in wording(heard.why) and '\n' not in wording(heard.why)
     assert known(tracker) == before

@@ -196,4 +196,4 @@ def test_the_statement_names_what_polaris_cannot_tell_from_the_zero():
         assert words in azimuth, words
     assert elevation == f'AN +1.00″, TF {np.cos(el):+.2f}″'
     assert zero_document(zero)['statement'] == text
-    assert 'no earlier model' in zero_statement(zero_from_exposures(now, PointingModel({})))
+    assert 'no reference model' in zero_statement(zero_from_exposures(now, PointingModel({})))

@@ -238,7 +238,7 @@ def test_an_odd_power_on_is_left_out_and_named(arcsec):
     assert found['tonight']['azimuth']['sigma_arcsec'] < 8.0
     said = zip(found['odd'], arcsec.items(), strict=True)
     for text, (night, size) in said:
-        assert text.startswith(f'power-on {night} is left out: its zero of azimuth is ')
+        assert text.startswith(f'power-on {night} is excluded: its zero of azimuth is ')
         assert float(text.split('azimuth is ')[1].split('"')[0]) == pytest.approx(size, abs=10.0)
 
 
@@ -263,7 +263,7 @@ def test_what_a_covariate_explains_is_not_odd():
 def test_too_few_nights_are_said(n):
     found = zero_causes(season(1, n=n, slope=3.0, noise=0.1), {'temperature': [3.0, 3.0]})
     assert found['verdict'] == 'nothing' and f'{n} power-ons' in found['text']
-    assert f'takes {fewest_epochs(ZERO_ALPHA)}' in found['text']
+    assert f'least {fewest_epochs(ZERO_ALPHA)} are' in found['text']
     assert (found['tonight'] is None) == (n < 2)
 
 

@@ -103,11 +103,11 @@ def test_what_people_see(judged):
     with console.capture() as shown:
         console.print(season_table(judged))
     text = shown.get()
-    for words in ('zeros of 11 power-ons', 'temperature', 'arcsec/°C', 'unexplained, arcsec',
+    for words in ('of the zero, 11 power-ons', 'temperature', 'arcsec/°C', 'unexplained, arcsec',
                   '+1.0 ± 3.0', 'cause'):
         assert words in text, words
     lines = season_lines(judged)
-    assert 'the zero follows the temperature' in lines[0]
+    assert 'the zero changes with the temperature' in lines[0]
     assert any('not tried: time since' in line for line in lines)
 
 
