@@ -169,8 +169,8 @@ def flag_solved_twice(table):
         if worse == twin:
             kept = np.append(kept[kept != twin], row)
     if moved:
-        table.meta['notes'].append(f'{moved} rows have the time of another row and other readings '
-                                   'of the encoders: one of the two is not of that time')
+        table.meta['notes'].append(f'{moved} rows have the time of another row but other encoder '
+                                   'readings: one of the two times is wrong')
 
 
 def without_copies(runs, seen=()):
@@ -216,19 +216,19 @@ def without_copies(runs, seen=()):
         others = dict.fromkeys(_name(every[i]) for i in np.unique(source[original[copied]]))
         where = f'in {", ".join(list(others)[:3])}'
         if copied.all():
-            notes.append(f'{_name(run)} left out: all {len(run)} rows are {where} too')
+            notes.append(f'{_name(run)} left out: all {len(run)} rows are also {where}')
             continue
-        notes.append(f'{_name(run)}: {int(copied.sum())} of {len(run)} rows excluded, they are '
-                     f'{where} too')
+        notes.append(f'{_name(run)}: {int(copied.sum())} of {len(run)} rows excluded: they are '
+                     f'also {where}')
         kept.append(without_rows(run, copied, f'{SAME}a row {where}'))
     if runs and not kept:
-        raise ValueError(f'{"; ".join(notes)}; give other observations to judge by')
+        raise ValueError(f'{"; ".join(notes)}; give other observations to validate with')
     return kept, notes
 
 
 def written_twice(copied):
     """Note on duplicate rows; `copied` is their mask."""
-    return (f'{int(copied.sum())} of {len(copied)} rows are there twice, by their time and '
+    return (f'{int(copied.sum())} of {len(copied)} rows are duplicates, with the same time and '
             'readings: each counts once')
 
 

@@ -94,7 +94,7 @@ def read_model(path, mount=ALTAZ):
         model = PointingModel.load(path)
         if not mount.vertical and not model.mount.agrees(mount):
             raise ValueError(f'{path} is a model of another mount ({mount_wording(model.mount)}) '
-                             f'than the one that is meant ({mount_wording(mount)})')
+                             f'than the given one ({mount_wording(mount)})')
         return ImportedModel(model, OURS)
     data = path.read_bytes()
     if not data.strip():
@@ -110,9 +110,9 @@ def read_model(path, mount=ALTAZ):
             _refuse_unit(path, program, model)
             notes = list(found.notes)
             if loss is not None and loss.largest > 1e-3:
-                notes.append(f'{program.title} computes it otherwise by {loss.rms:.3f} arcsec RMS, '
+                notes.append(f'it differs from {program.title} by {loss.rms:.3f} arcsec RMS, '
                              f'at most {loss.largest:.3f}, on a uniform sky above 20 degrees')
             return ImportedModel(model, program.name, notes)
-    raise ValueError(f'{path} is no model file: expected ours (.json, .yaml), a table with name '
-                     'and value_arcsec, or one of ' + ', '.join(
+    raise ValueError(f'{path} is no model file: expected .json or .yaml of this program, a table '
+                     'with name and value_arcsec, or one of ' + ', '.join(
                          p.title for p in PROGRAMS.values()))

@@ -63,7 +63,7 @@ def excluded_rows(run, text):
             first, last = (int(one) for one in (numbers[1], numbers[2] or numbers[1]))
             rows = (run.lines >= first) & (run.lines <= last)
             if not rows.any():
-                raise ValueError(f'--exclude {part}: no such row is in use; they go from '
+                raise ValueError(f'--exclude {part}: no such row; rows in use go from '
                                  f'{run.lines.min()} to {run.lines.max()}')
         elif condition:
             rows = _where(run, *condition.groups())
@@ -87,7 +87,7 @@ def without_excluded(run, texts):
     none = [part for part, of in found.items() if not of.any()]
     if none:  # not an error: it may select rows of another run
         run = replace(run, meta={**run.meta, 'notes': [
-            f'--exclude {", ".join(none)} fits no row', *run.meta.get('notes', ())]})
+            f'--exclude {", ".join(none)} matches no row', *run.meta.get('notes', ())]})
     return without_rows(run, rows, REASON) if rows.any() else run
 
 

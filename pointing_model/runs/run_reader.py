@@ -247,15 +247,15 @@ def _settle_origin(given, meta, altazimuth):
         meta['azimuth_origin'] = 'N'
         return
     if declared and given and declared != given:
-        meta['notes'].append(f'the file says that azimuth 0 is {declared}, it was read with '
-                             f'{given}')
+        meta['notes'].append(f'azimuth 0 read as {given}, although the file declares '
+                             f'{declared}')
     elif meta['format'] == 'tpoint' and not (declared or given or west):
-        meta['notes'].append('azimuth taken from north through east: the file does not say')
+        meta['notes'].append('azimuth read from north through east: the file does not say')
     elif meta['format'] == 'tpoint':
         meta['notes'].append(
-            'azimuth taken from ' + {'N': 'north', 'S': 'south'}[meta['azimuth_origin']]
+            'azimuth read from ' + {'N': 'north', 'S': 'south'}[meta['azimuth_origin']]
             + f' through {"west" if west else "east"}, as '
-            + ('the file says' if declared or west else 'it was asked for'))
+            + ('the file says' if declared or west else 'requested'))
 
 
 def _settle_equinox(path, table, given):
@@ -267,10 +267,10 @@ def _settle_equinox(path, table, given):
         The file has no catalogue places.
     """
     if 'ra_deg' not in table.columns:
-        raise ValueError(f'{path}: an equinox is of right ascensions and declinations of a '
-                         'catalogue, and this file has none; leave out --equinox')
+        raise ValueError(f'{path}: --equinox needs right ascensions and declinations of a '
+                         'catalogue, and this file has none; leave it out')
     frame, declared = EQUINOXES[given], table.meta.get('sky_frame')
     if declared is not None and declared != frame:
-        table.meta['notes'].append(f'the file says that its places are {declared.text}, they were '
-                                   f'read as {frame.text}')
+        table.meta['notes'].append(f'places read as {frame.text}, although the file declares '
+                                   f'{declared.text}')
     table.meta.update(sky_frame=frame, equinox_given=given)

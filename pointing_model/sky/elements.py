@@ -215,8 +215,8 @@ def parse_elements(lines):
     found = parse_sets(lines)
     if len(found) > 1:
         known = ', '.join(str(s.number) for s in found[:5])
-        raise ValueError(f'{len(found)} sets of elements where one is needed: leave one of those '
-                         f'of {known}')
+        raise ValueError(f'{len(found)} sets of elements, but one is needed: keep one of '
+                         f'{known}')
     return found[0]
 
 
@@ -251,8 +251,8 @@ def _pair(line1, line2, row):
         if len(line) != 69:
             raise ValueError(f'two-line elements: line {at} has {len(line)} characters, not 69')
         if not line[68].isdigit() or compute_checksum(line) != int(line[68]):
-            raise ValueError(f'two-line elements: line {at} has checksum {line[68]}, its digits '
-                             f'make {compute_checksum(line)}; copy it again')
+            raise ValueError(f'two-line elements: line {at} has checksum {line[68]}, it should '
+                             f'be {compute_checksum(line)}; copy it again')
     if line1[2:7] != line2[2:7]:
         raise ValueError(f'two-line elements: line {row} is of satellite {line1[2:7].strip()}, '
                          f'line {row + 1} of {line2[2:7].strip()}')
@@ -265,7 +265,7 @@ def _pair(line1, line2, row):
                                  f'({what}): {line[first - 1 : last]!r} is no number') from None
     if line1[62] not in (' ', *TYPES):
         raise ValueError(f'two-line elements: line {row}, column 63: elements of type {line1[62]}, '
-                         'another theory than SGP4 (type 0); give such, or a precise orbit')
+                         'not SGP4 (type 0); give SGP4 elements, or a precise orbit')
     satellite = Satellite(line1, line2)
     error = satellite.record.error
     if error or not satellite.record.no_kozai > 0.0:

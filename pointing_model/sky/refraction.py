@@ -124,12 +124,12 @@ def air_of_rows(height, pressure=None, temperature=None, declared=None, given=No
     usual, notes = standard_pressure(height or 0.0), []
     where = 'at sea level; the height is not given' if height is None else (
         f'at a height of {height:.0f} m')
-    odd = f'is no pressure in hPa (usual are {usual:.0f} {where})'
+    odd = f'is no pressure in hPa (usual: {usual:.0f} {where})'
     known = dict(declared or {})
     one = known.get('pressure_hpa', 0.0)
     if one != 0.0 and _is_other_unit(one, height):
-        notes.append(f'pressure {known.pop("pressure_hpa"):g} of the file {odd}: taken as not '
-                     'measured')
+        notes.append(f'pressure {known.pop("pressure_hpa"):g} of the file {odd}: treated as '
+                     'missing')
     known |= given or {}
     weather = air_at(height or 0.0, known)
     if weather.pressure_hpa != 0.0 and _is_other_unit(weather.pressure_hpa, height):
@@ -150,12 +150,12 @@ def air_of_rows(height, pressure=None, temperature=None, declared=None, given=No
             other = _is_other_unit(values, height)
             if other.any():
                 notes.append(f'{name} {values[other][0]:g} in {other.sum()} of {len(values)} rows '
-                             f'{odd}: taken as not measured')
+                             f'{odd}: treated as missing')
             values = np.where(other, np.nan, values)
             if other.all():
                 own[name] = weather.pressure_hpa
                 continue
-        text += f', in its place {name} where the file has it'
+        text += f', or {name} of the row where the file has it'
         own[name] = np.where(np.isfinite(values), values, getattr(weather, name))
     if height is not None:
         notes += odd_pressure(float(np.median(own['pressure_hpa'])), height)
@@ -168,8 +168,8 @@ def odd_pressure(pressure, height):
     usual = standard_pressure(height)
     if pressure == 0.0 or abs(pressure / usual - 1.0) < _UNLIKE:
         return []
-    return [f'pressure {pressure:.0f} hPa, where {usual:.0f} hPa is usual at a height of '
-            f'{height:.0f} m. Give that at the mount, not reduced to sea level']
+    return [f'pressure {pressure:.0f} hPa, but {usual:.0f} hPa is usual at a height of '
+            f'{height:.0f} m. Give the pressure at the mount, not reduced to sea level']
 
 
 def _is_other_unit(pressure, height):

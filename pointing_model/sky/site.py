@@ -80,8 +80,8 @@ def site_contradictions(given, declared):
             continue
         away = wrap(mine - theirs) if one.size == DEG else mine - theirs
         if abs(away) > one.same * one.size:
-            notes.append(f'the file says {one.field} {theirs / one.size:.7g} {one.unit}, it was '
-                         f'read with {mine / one.size:.7g}')
+            notes.append(f'{one.field} {mine / one.size:.7g} {one.unit} used, although the '
+                         f'file declares {theirs / one.size:.7g}')
     return notes
 
 

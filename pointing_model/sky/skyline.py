@@ -219,7 +219,7 @@ def parse_horizon(text):
             raise ValueError(f'corner {corner.strip()!r} of the horizon: give azimuth and '
                              'elevation in degrees, as 45 20.5') from None
         if not (-360.0 <= az <= 360.0 and -90.0 <= el <= 90.0):
-            raise ValueError(f'corner {corner.strip()!r} of the horizon: no azimuth and elevation')
+            raise ValueError(f'corner {corner.strip()!r} of the horizon: beyond 360 or 90 degrees')
         points.append((az * DEG, el * DEG))
     if points:
         unwrapped(points)

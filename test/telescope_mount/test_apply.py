@@ -246,7 +246,7 @@ def test_places_of_the_sky_with_and_without_the_model(ended, tmp_path, kind):
                      'Arcturus,2026-07-15T13:30:00Z,213.9153,19.1824,\n')
     code, out, err = ended('apply', tmp_path / 'm.json', given, '--latitude', '34.3',
                            '--longitude', '109', '--pressure', '900')
-    assert code == 0 and err == ('note: refraction for 900 hPa, 10 C, in its place temperature_c '
+    assert code == 0 and err == ('note: refraction for 900 hPa, 10 C, or temperature_c of the row '
                                  'where the file has it\n')
     rows = table(out)
     weather = Weather(900.0, np.array([20.0, 10.0]))
@@ -340,7 +340,7 @@ def test_comments_above_a_table_of_directions_declare(ended, model, tmp_path):
         f'{declared}# frame: of date\n# pressure_hpa: 700\n')[0]
     other, err = place(f'{declared}# frame: of date\n', '--equinox', 'j2000', '--longitude', '110')
     assert 'places read as ICRS, although the table declares of date' in err
-    assert 'the file says longitude 109 degrees, it was read with 110' in err
+    assert 'longitude 110 degrees used, although the file declares 109' in err
     assert abs(other[0] - wanted[0]) > 0.01
 
 

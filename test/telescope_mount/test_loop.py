@@ -404,7 +404,7 @@ def test_bad_input_is_one_line(refused, tmp_path):
         assert f'{option[0]} applies to measured runs' in refused(
             'close-the-loop', '--scenario', 'loop_clean', *option, '--out', tmp_path / 'c')
     # what places of a file are taken for reaches its reader, before a node starts
-    assert 'leave out --equinox' in refused('close-the-loop', MMT, '--equinox', 'date', '--out',
+    assert '--equinox needs' in refused('close-the-loop', MMT, '--equinox', 'date', '--out',
                                             tmp_path / 'c')
     lines = [line.split(',') for line in MMT.read_text().splitlines()]
     for name in ('el_deg', 'el_enc_deg'):

@@ -154,8 +154,8 @@ def test_a_flipped_scale_is_named(night, tmp_path):
     columns['scale_arcsec_px'][2], columns['scale_arcsec_px'][5] = 2.31, -1.16
     columns['parity'][9] = 1
     told = reasons(load_run(write(tmp_path / 'run.csv', columns)))
-    assert sorted(told) == [8, 11, 15] and '2.31 arcsec a pixel' in told[8]
-    assert 'of the other sign' in told[11] and 'mirrored' in told[15]
+    assert sorted(told) == [8, 11, 15] and '2.31 arcsec/pixel' in told[8]
+    assert 'opposite sign' in told[11] and 'mirrored' in told[15]
     binned = np.where(np.arange(n) % 6 == 0, 2.32, 1.16)
     run = load_run(write(tmp_path / 'run.csv', {**columns, 'parity': np.full(n, 1),
                                                 'scale_arcsec_px': binned}))

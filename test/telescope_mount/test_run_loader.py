@@ -291,12 +291,12 @@ def test_a_log_that_recorded_what_another_played_has_each_observation_once(tmp_p
                     run_to_cloud(row, 10**18 + i)), 10**18 + i, 10**18 + i, i + 1)
     whole, run = load_run(tmp_path / 'log'), load_run(tmp_path / 'recorded')
     assert len(run) == len(whole) == 60
-    assert any(note.startswith('60 of 120 rows are there twice') for note in run.meta['notes'])
+    assert any(note.startswith('60 of 120 rows are duplicates') for note in run.meta['notes'])
     np.testing.assert_array_equal(run['az_enc'], whole['az_enc'])
     write_csv(whole, tmp_path / 'whole.csv', plain=True)
     runs, notes = load_runs([tmp_path / 'whole.csv', tmp_path / 'log', tmp_path / 'recorded'])
     assert [len(run) for run in runs] == [60] and len(notes) == 2
-    with pytest.raises(ValueError, match='give other observations to judge by'):
+    with pytest.raises(ValueError, match='give other observations to validate with'):
         load_runs([tmp_path / 'recorded'], runs)
 
 

@@ -88,7 +88,7 @@ def test_stamps_of_another_scale_or_time_zone_are_named(refused, folder):
     ('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n', ('--object', 'Z9'),
      'no satellite Z9; there are A01, B02, C03'),
     ('time,satellite,az_enc_deg,el_enc_deg\n2017-12-30T01:00:00Z,A01,1,45\n', (),
-     'A01: 2017-12-30 01:00:00 UTC is in no file; they have 2017-12-03 00:00:00 to'),
+     'A01: no position at 2017-12-30 01:00:00 UTC; the files cover 2017-12-03 00:00:00 to'),
     ('time,satellite\n2017-12-03T01:00:00Z,A01\n', (),
      'a track needs time and az_enc_deg, el_enc_deg'),
     ('time,satellite,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,A01,,45\n', (),
@@ -186,7 +186,7 @@ def test_a_camera_that_missed_is_taken_into_account(folder, tmp_path):
     head, rows = lines[:4], lines[4:24]
     (tmp_path / 'twice.csv').write_text('\n'.join(head + rows + rows[:5]))
     twice = load_tracks([tmp_path / 'twice.csv'], [folder / 'A01.sp3'], 'A01')
-    assert len(twice.names) == 20 and '5 of 25 rows are there twice' in ' '.join(twice.notes)
+    assert len(twice.names) == 20 and '5 of 25 rows are duplicates' in ' '.join(twice.notes)
     az = [float(row.split(',')[2]) for row in rows]
     el = [float(row.split(',')[3]) for row in rows]
     (tmp_path / 'plain.csv').write_text('\n'.join(head + rows))

@@ -96,8 +96,8 @@ def observe_places(path, table, weather, origin, mount):
     meta['from_horizon'] = True
     if by_fit:
         if declared is not None:
-            meta['notes'].append(f'places of the catalogue taken as {declared.text}, as it was '
-                                 'given')
+            meta['notes'].append(f'places of the catalogue read as {declared.text}, as '
+                                 'requested')
         return
     angles = 'az, el' if mount.vertical else f'{" and ".join(mount.names.axes)} of the catalogue'
     meta['notes'].append(f'{angles} are observed places of ra_deg, dec_deg ({frame.text}, no '
@@ -118,8 +118,8 @@ def mount_ascension(path, table):
     frame = meta.pop('readings_frame', None)
     if 'ra_enc_deg' not in columns:
         if frame is not None:
-            raise ValueError(f'{path}: readings {frame.text} is said of ra_enc_deg, which is not '
-                             'there')
+            raise ValueError(f'{path}: readings {frame.text} needs a column ra_enc_deg, and there '
+                             'is none')
         return
     ascension = columns.pop('ra_enc_deg')
     if 'az_enc' in columns:
@@ -148,9 +148,9 @@ def mount_ascension(path, table):
         ascension[known], columns['el_enc'][known] = to_date(
             ascension[known], columns['el_enc'][known], frame, columns['time'][known])
     columns['az_enc'] = wrap(lst - ascension)
-    meta['notes'].append(f'{table.label("az_enc")} is made of ra_enc_deg, taken as '
+    meta['notes'].append(f'{table.label("az_enc")} computed from ra_enc_deg, read as '
                          f'{"of date" if frame is None else frame.text}, and '
-                         f'the sidereal time by {text}')
+                         f'the sidereal time from {text}')
 
 
 def _note_clock(meta, site):
@@ -160,8 +160,8 @@ def _note_clock(meta, site):
         return
     meta['notes'].append(given + (
         f', at longitude {site.longitude / DEG:.6g} deg' if site is not None else
-        ', at longitude 0 (none is given: --longitude). Intervals are right, the hour of UTC is '
-        'not; places are off by up to 1 arcsec'))
+        ', at longitude 0 (set --longitude): intervals are right, UTC is wrong by hours and places '
+        'by up to 1 arcsec'))
 
 
 def _whole_site(path, meta, sidereal_clock):
@@ -381,8 +381,8 @@ def read_offsets(table):
         columns['az_enc'] = columns['az'] + np.where(table.reasons == 0, x / reach, 0.0)
         columns['el_enc'] = columns['el'] + y
     table.meta['raw_reading'] = False
-    table.meta['notes'].append('encoder angles are catalogue plus offset: what the encoders read '
-                               'is not in the file')
+    table.meta['notes'].append('encoder angles computed as catalogue plus offset: the file has no '
+                               'encoder readings')
 
 
 def note_no_error(table):

@@ -102,12 +102,12 @@ def refuse_contradicted(path, table, rows, place, given, mount):
     if found['likelier'] != other or not found['told']:
         return
     left = found['left_arcsec']
-    text = (f'--equinox {option} contradicts the rows: the terms alone leave (median) '
+    text = (f'--equinox {option} contradicts the rows: median residual of the terms '
             f'{left[taken]:.1f} arcsec if {taken}, {left[other]:.1f} if {other} (log-likelihood '
-            f'{found["log_likelihood"]:.0f})')
+            f'ratio {found["log_likelihood"]:.0f})')
     if found['log_likelihood'] > _REFUSED and (
             _TIMES * left[other] < min(left[taken], _TIMES * _FITS)):
-        raise ValueError(f'{path}: {text}. Nothing was concluded; give --equinox {instead}, or '
+        raise ValueError(f'{path}: {text}. Give --equinox {instead}, or '
                          'leave it out')
     table.meta['notes'].insert(0, text)
 
@@ -199,11 +199,11 @@ def sentence(found):
     """
     text = 'no equinox in the file: '
     left = ', '.join(f'{v:.1f} arcsec if {name}' for name, v in found['left_arcsec'].items())
-    left = f'the terms alone leave (median) {left}' if left else 'the rows are too few'
+    left = f'median residual of the terms {left}' if left else 'the rows are too few'
     by = f'log-likelihood favours {found["likelier"]} by {found["log_likelihood"]:.1f}'
     if found['told']:
-        return f'{text}taken as {found["taken"]}. Reason: {by}, and {left}'
-    out = f'{text}taken as {found["taken"]}, a guess. Undecided: {left}'
+        return f'{text}taken as {found["taken"]}. Reason: {by}; {left}'
+    out = f'{text}taken as {found["taken"]}, a guess; the data do not decide: {left}'
     if found['left_arcsec']:
         out += f'; {by} ({DECISIVE:g} would decide)'
     return f'{out}{_moved(found)}. Set it: --equinox j2000 or date'

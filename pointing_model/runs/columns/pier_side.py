@@ -32,8 +32,8 @@ _ALIKE = 0.9
 _PAST_MERIDIAN, _EITHER = 30.0 * DEG, 0.2
 _CLEAR = 0.5  # least |cosine| of the first axis's rotation that decides the side
 _COUNTERWEIGHT = (
-    'the readings have the counterweight up in every row. If it was down, the hour angles count '
-    'eastward: change the sign of all (else IH, CH, NP, MA have the wrong one)')
+    'the readings have the counterweight up in every row. If it was down, hour angles count '
+    'eastward: change their sign (else IH, CH, NP, MA get the wrong sign)')
 
 
 def read_beyond(mount, place, reads, sound):
@@ -121,14 +121,14 @@ def through_the_pole(path, table, side, hour_angle):
         table.meta['notes'].insert(0, (
             f'pier_side is {side[np.argmax(sound)]} in every row, on both sides of the meridian: '
             f'in {up.sum()} of {sound.sum()} rows the counterweight would be far above level. '
-            'Where the driver always says so, leave the column out'))
+            'If the driver always writes this, leave the column out'))
     if not known.all():
         _place_unknown(table, known, sound, beyond, down, hour_angle)
     else:
         note_counterweight(
             table, beyond, hour_angle, 'pier_side has the counterweight up in every row. If it was '
-            'down, exchange east and west: the column says where the tube points (else ID, CH, NP '
-            'change sign)')
+            'down, the column is where the tube points: swap east and west (else ID, CH, NP get '
+            'the wrong sign)')
     return beyond
 
 
@@ -192,9 +192,9 @@ def sides_of(path, cells, hour_angle, sound):
     if len(each) < 2 or not down[1] > down[0]:
         return each[0], []
     return each[1], [
-        'pier_side has 1 and no 0: taken as ASCOM has it, 1 west (through the pole) and -1 '
+        'pier_side has 1 and no 0: read as in ASCOM, 1 west (through the pole) and -1 '
         f'unknown. The counterweight is then down in {100.0 * down[1]:.0f} % of the rows, '
-        f'else in {100.0 * down[0]:.0f} %']
+        f'with 1 as east in {100.0 * down[0]:.0f} %']
 
 
 def _readings(cells):
@@ -233,4 +233,4 @@ def _place_unknown(table, known, sound, beyond, down, hour_angle):
     if placed.any():
         table.meta['notes'].append(
             f'pier_side is unknown in {int((~known).sum())} of {len(known)} rows: '
-            f'{int(placed.sum())} placed by the hour angle, as the others are')
+            f'set by the hour angle in {int(placed.sum())}, as in the others')

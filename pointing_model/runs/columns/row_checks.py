@@ -177,12 +177,12 @@ def note_hasty_clock(table):
     if len(speed) >= _MOVES and np.median(speed) > _FASTEST:
         unit = next((name for name, size in _CLOCKS if np.median(speed) / size < _USUAL), 'days')
         table.meta['notes'].append(Caution(
-            f'time: the mount would turn by {np.median(speed):.3g} deg/s from star to star; '
+            f'time: the mount would slew at {np.median(speed):.3g} deg/s from star to star; '
             f'seconds are expected: is this {unit}?'))
 
 
 #: reason for excluding a row that is only a temperature record
-LOG_OF_AIR = 'a row of the log of temperatures, without a star'
+LOG_OF_AIR = 'a temperature record without a star'
 
 
 def flag_numbers(table):
@@ -247,12 +247,12 @@ def blank_absurd(table):
             table.meta['notes'].append(Caution(
                 f'{text} in all rows, {where}'
                 f'{", and looks like kelvin (subtract 273.15)" if kelvin else ""}: '
-                'the whole column is taken as not measured'))
+                'the whole column is treated as missing'))
             del table.columns[name]
             continue
         table.columns[name] = np.where(absurd, np.nan, values)
         table.meta['notes'].append(f'{text} in {absurd.sum()} of {len(values)} rows, {where}: '
-                                   'taken as not measured')
+                                   'treated as missing')
 
 
 def _fill(table, name, values):

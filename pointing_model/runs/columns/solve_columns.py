@@ -42,11 +42,11 @@ def take_sigma(table):
     sigma = columns.pop(SIGMA)
     if {'sigma_x', 'sigma_y'} & set(columns):
         notes.append(f'{SIGMA} left out: {table.label("sigma_x")}, {table.label("sigma_y")} are '
-                     'taken')
+                     'used')
         return
     known = sigma[np.isfinite(sigma) & (sigma > 0.0)]
     if not known.size:
-        notes.append(f'{SIGMA} left out: no solution has one')
+        notes.append(f'{SIGMA} left out: no solution has a value')
         return
     missing = np.isnan(sigma)
     if missing.any():
@@ -82,7 +82,7 @@ def flag_scales(table):
             continue
         if odd.sum() > sound.sum() / 3:
             notes.append(f'{name} differs in {odd.sum()} of {sound.sum()} solutions: several '
-                         'cameras or binnings? Nothing left out for it')
+                         'cameras or binnings? No row excluded')
             continue
         if text:
             table.exclude(odd, text)
@@ -93,9 +93,9 @@ def flag_scales(table):
                          f'others {usual:.4g}: another camera or binning?')
             continue
         for i in np.flatnonzero(odd):
-            flipped = ' (of the other sign)' if values[i] * usual < 0.0 else ''
-            table.exclude_row(i, f'the scale of its solution is {values[i]:.4g} arcsec a pixel'
-                              f'{flipped}, of the others {usual:.4g}: a false solve')
+            flipped = ' (opposite sign)' if values[i] * usual < 0.0 else ''
+            table.exclude_row(i, f'image scale {values[i]:.4g} arcsec/pixel{flipped}, in the other '
+                              f'solutions {usual:.4g}: a false solve')
 
 
 def may_be_hours(degrees):
@@ -124,8 +124,8 @@ def refuse_hours(path, ra, dec, time, site):
     as_hours = icrs_to_observed(15.0 * ra, dec, time, site)[1] < 0.0
     if below.mean() > 1.0 / 3.0 and as_hours.mean() < 0.1:
         raise ValueError(
-            f'{path}: ra_deg never exceeds {degrees.max():.3g}, and {below.sum()} of {len(ra)} '
-            f'rows are below the horizon; as hours {as_hours.sum()} are: give degrees')
+            f'{path}: ra_deg looks like hours (at most {degrees.max():.3g}): {below.sum()} of '
+            f'{len(ra)} rows are below the horizon, as hours {as_hours.sum()}; give degrees')
 
 
 def one_mount(table, name, cells):

@@ -173,13 +173,13 @@ def _one_source(columns, meta, names):
     if {'az_enc', 'az_abs'} & set(columns):
         for name in ('x_arcsec', 'y_arcsec'):
             if columns.pop(name, None) is not None:
-                meta['notes'].append(f'{name} left out: the encoder columns are taken')
+                meta['notes'].append(f'{name} left out: the encoder columns are used')
     if {'az', 'el'} <= set(columns):
         of = ALTAZ.names if meta.get('from_horizon') else names
         taken = ', '.join(column_name(name, of) for name in ('az', 'el'))
         for name in ('ra_deg', 'dec_deg'):
             if columns.pop(name, None) is not None:
-                meta['notes'].append(f'{name} left out: {taken} are taken')
+                meta['notes'].append(f'{name} left out: {taken} are used')
 
 
 def _require(path, header, encoder, names):
@@ -234,7 +234,7 @@ def _time(table, cells, meta):
         _refuse_other_units(table, values)
         if np.any(np.abs(values) < CLOCK):
             meta['time_is_utc'] = False
-            meta['notes'].append('time: seconds from an arbitrary start, they are below 1e8')
+            meta['notes'].append('time: below 1e8, so seconds from an arbitrary start')
     return values
 
 

@@ -105,13 +105,13 @@ def read_exported(path, body, meta, options=(), altaz=False):
     if altaz:
         place = Mount.equatorial(meta['site']['latitude']).horizon_of(first * DEG, second * DEG)
         columns['az_enc'], columns['el_enc'] = (angle / DEG for angle in place)
-        meta['notes'].append('azimuth and elevation of the mount are made of its right ascension, '
-                             'declination and the sidereal time')
+        meta['notes'].append('azimuth and elevation of the mount are computed from its right '
+                             'ascension, declination and the sidereal time')
     else:
         columns['az_enc'], columns['el_enc'] = first, second
         _declare(meta, (lst - angles['ra'], angles['dec']), (first, second))
     if 'NODA' in options:
-        meta['notes'].append('option NODA changes nothing here: the places have the diurnal '
+        meta['notes'].append('option NODA ignored: the places include the diurnal '
                              'aberration (0.32 arcsec at most)')
     _auxiliary(rows, after + 8, options, columns, meta)
     table = RunTable(columns, rows.lines, meta, rows.reasons,
@@ -135,7 +135,7 @@ def _move(rows, angles, day, options, meta):
         ('proper motion in ra', 'proper motion in dec', 'year of the catalogue'), 6))
     bad = (year != 2000.0) if 'J2000' not in options else ~((year > 1800.0) & (year < 2200.0))
     rows.refuse('year after the proper motions', rows.column(8), {
-        int(i): 'is not 2000, and only with the option ": J2000" it is that of the epoch alone; '
+        int(i): 'is not 2000: without the option ": J2000" it is the equinox, too; '
         'give places of J2000' for i in np.flatnonzero(bad & ~np.isnan(year))})
     if 'J2000' in options:
         _refuse_j2000(rows.path, angles, day)
@@ -156,8 +156,8 @@ def _refuse_j2000(path, angles, day):
                          place[1] - angles['dec'] * DEG])
         scatter.append(np.median(np.abs(away - np.median(away, axis=1, keepdims=True))))
     if len(ra) >= 6 and scatter[0] < 0.3 * scatter[1]:
-        raise ValueError(f'{path}: the telescope\'s places are J2000 too, as the option ": J2000" '
-                         'may mean; only places of date are read')
+        raise ValueError(f'{path}: the telescope\'s places look like J2000, which the option '
+                         '": J2000" may mean; give places of date')
 
 
 def _auxiliary(rows, begin, options, columns, meta):
@@ -171,8 +171,8 @@ def _auxiliary(rows, begin, options, columns, meta):
         else:
             words.append(next(filter(None, column))[:40])
     if words:
-        meta['notes'].append(f'after the sidereal time left out, no numbers: {", ".join(words)} '
-                             '...')
+        meta['notes'].append('columns after the sidereal time left out, not numeric: '
+                             f'{", ".join(words)} ...')
 
 
 def _sexagesimal(rows, name, cells):

@@ -126,7 +126,7 @@ def _time(rows, dates):
     seconds = (dates - np.where(dates > _JD, _JD_1970, _MJD_1970)) * _DAY
     bad = np.flatnonzero((seconds < YEAR_1900) | (seconds > YEAR_2100))
     rows.refuse('JD', rows.column(1), {
-        int(i): 'is outside 1900 to 2100 as Julian date and as modified one' for i in bad})
+        int(i): 'is outside 1900 to 2100, as JD and as MJD' for i in bad})
     seconds[bad] = np.nan
     return seconds
 

@@ -146,8 +146,8 @@ def common_site(path, mapping, headers):
         if first is None:
             first, where = site, file
         elif any(abs(site[name] - first[name]) > SITE[name].same for name in site):
-            raise ValueError(f'{path}: {file.name} is of another site than {where.name}: a run is '
-                             'of one mount')
+            raise ValueError(f'{path}: {file.name} has another site than {where.name}: split the '
+                             'folder')
     if mapping.site and headers and first is None:
         raise ValueError(f'{path}: no image has the keywords of the site')
     return first or {}
@@ -179,8 +179,8 @@ def _settle_frame(mapping, rows, reasons, meta):
         meta['sky_frame'] = mapping.frame
         others = sum(n for frame, n in frames.items() if frame not in (None, mapping.frame))
         if others:
-            meta['notes'].append(f'frame {mapping.frame.text} is taken as the mapping says; '
-                                 f'{others} images say another')
+            meta['notes'].append(f'frame {mapping.frame.text} used, from the mapping; '
+                                 f'{others} images declare another')
         return
     if not frames:
         return

@@ -108,4 +108,4 @@ def _table(rows, cells):
 
 
 FORMAT = RunFormat('an IRAM log (# id ...)', looks_like, read, (
-    'the pointing offsets of the log were taken as what the mount reads too much'))
+    'the pointing offsets of the log were taken as encoder minus catalogue'))

@@ -130,12 +130,12 @@ def _know(path, words, meta):
         raise ValueError(f'{path}: option GIMBAL is not read: give a CSV with a line '
                          '"# mount: free:AZ,EL[,ROLL]"')
     if 'ALTAZ' in words and any(word.startswith('EQUAT') for word in words):
-        raise ValueError(f'{path}: options ALTAZ and EQUAT: a run is of one mount')
+        raise ValueError(f'{path}: options ALTAZ and EQUAT contradict each other')
     other = [word for word in words if word not in _OPTIONS and not is_number(word)
              and not word.startswith(('EQUAT', 'ROT'))]
     if other:
-        meta['notes'].append(f'option {", ".join(w[:20] for w in other)} is not known: nothing was '
-                             'made of it')
+        meta['notes'].append(f'option {", ".join(w[:20] for w in other)} is not known: '
+                             'ignored')
 
 
 def _rejected(line):

@@ -189,9 +189,9 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
     """
     program, given = program_for(program, model.mount), sky is not None
     if model.mount.on_sky and not program.one_sided:
-        raise ValueError(f'{program.title} lets the terms of a German mount go through the pole '
-                         'with it. Those of this model act on the sky, alike on both sides of the '
-                         'pier. Keep it in a file of ours (--to model, or --to table)')
+        raise ValueError(f'{program.title} reverses the terms of a German mount through the '
+                         'pole. Those of this model act on the sky, alike on both sides of the '
+                         'pier. Use --to model or --to table')
     whole = uniform_sky(mount=model.mount)
     if not given:
         sky, sky_name = whole, 'a uniform sky above 20 degrees'
@@ -244,7 +244,7 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
                             whole)
     notes = list(found.notes)
     if found.sigma and not any(errors.values()):
-        notes.append('the sigmas in the file are 0, for ' + (
+        notes.append('the sigmas in the file are 0: ' + (
             'the model has no standard errors' if model.harmonics is None
             else 'those of a model with harmonics are not carried over'))
     for who, encoder in program.otherwise:
@@ -260,8 +260,8 @@ def program_for(program, mount):
     if mount.vertical:
         return program
     if program.for_mount is None:
-        raise ValueError(f'models of {program.title} are read and written of alt-azimuth mounts '
-                         f'alone, and this one is of another ({mount.kind})')
+        raise ValueError(f'models of {program.title} are read and written for alt-azimuth '
+                         f'mounts only; this mount is {mount.kind}')
     return program.for_mount(mount)
 
 
@@ -324,7 +324,7 @@ def _solved(program, target, start, sky):
     keys = list(values)
     if not keys:
         raise ValueError(f'that program has no terms for a mount that is {program.mount.kind}; '
-                         'a table of readings is for any: --to table')
+                         '--to table works for any mount')
     columns = np.stack([np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in keys],
                        axis=1)
     size = np.linalg.norm(columns, axis=0)

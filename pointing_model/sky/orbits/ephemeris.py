@@ -277,7 +277,7 @@ class Orbit:
         if left.any():
             tai = np.broadcast_to(time + leap + rest, shape).ravel()[left][0]
             raise ValueError(
-                f'{self.name}: {utc_text(tai)} UTC is in no file; they have '
+                f'{self.name}: no position at {utc_text(tai)} UTC; the files cover '
                 + '; '.join(f'{utc_text(arc.begin)} to {utc_text(arc.end)}'
                             for arc in self.arcs[:4]) + '; add the file of that day')
         return out.reshape(*shape, width)

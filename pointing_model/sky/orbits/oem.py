@@ -117,8 +117,8 @@ class _Block:
                              f'known are {", ".join(FRAMES)}')
         at, centre = self._known('CENTER_NAME', 'EARTH')
         if centre.upper() != 'EARTH':
-            raise ValueError(f'{self._path}, line {at}: positions from {centre}; give those from '
-                             'the Earth')
+            raise ValueError(f'{self._path}, line {at}: positions relative to {centre}; give '
+                             'geocentric ones')
         at, scale = self._known('TIME_SYSTEM', '')
         if scale not in SCALES:
             raise ValueError(f'{self._path}, line {at}: time scale {scale or "(none)"} is not '

@@ -109,7 +109,7 @@ class Orbits:
         if not precise:
             return elements[0] if len(elements) == 1 else ElementSets(elements)
         if elements:
-            self.notes.append(f'{name}: positions of files are taken in place of elements')
+            self.notes.append(f'{name}: positions of files are used, not elements')
         arcs = sorted((arc for path, one in precise for arc in one.arcs(path, self.notes)),
                       key=lambda arc: arc.begin)
         out = []
@@ -143,7 +143,7 @@ def _read_file(path):
     for one in FORMATS:
         if one.looks_like(lines):
             return one.read(path, lines)
-    raise ValueError(f'{path} is no orbit; known are {", ".join(one.wording for one in FORMATS)}')
+    raise ValueError(f'{path} is no orbit file; known: {", ".join(one.wording for one in FORMATS)}')
 
 
 def _plain(name):

@@ -120,11 +120,11 @@ def _sound(arc, path, rows, notes):
         worst = int(np.argmax(beyond))
         notes.append(f'{path}: the position of {rows.name} at '
                      f'{utc_text(arc.origin + arc.epochs[worst])} UTC is {beyond.max() / 1e3:.3g} '
-                     'km from where its neighbours say, and left out')
+                     'km off its neighbours, and left out')
         arc = arc.without(worst)
         if len(arc.epochs) < 2 * len(rows.whole) // 3:
-            raise ValueError(f'{path}: the positions of {rows.name} lie on no orbit; is a '
-                             'coordinate missing, or the step not what it should be?')
+            raise ValueError(f'{path}: the positions of {rows.name} lie on no orbit: is a '
+                             'coordinate missing, or the step wrong?')
     if len(off) < arc.width + 1:
         return arc
     inner = np.arange(arc.width // 2, len(off) - arc.width // 2)
@@ -134,7 +134,7 @@ def _sound(arc, path, rows, notes):
     coarse = float(arc.between(middle).max())
     if coarse > COARSE:
         notes.append(f'{path}: epochs of {rows.name} are too far apart, {arc.step / 60.0:.0f} min, '
-                     f'for its orbit: interpolated to {coarse:.1f} m; take a denser file')
+                     f'for its orbit: interpolation error {coarse:.1f} m; take a denser file')
         return arc
     if off.max() > max(0.1, 30.0 * float(np.median(off)), 5.0 * float(expected.max())):
         at = arc.origin + arc.epochs[inner[np.argmax(off)]]

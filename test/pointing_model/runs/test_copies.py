@@ -59,7 +59,7 @@ def test_a_night_written_with_fewer_digits_counts_once(timed, digits, time_digit
     two = rounded(one, digits, time_digits if timed else None, chop)
     kept, notes = without_copies([one, two])
     assert [len(run) for run in kept] == [60] and kept[0] is one
-    assert notes == ['two.csv left out: all 60 rows are in one.csv too']
+    assert notes == ['two.csv left out: all 60 rows are also in one.csv']
     assert len(without_copies([two, one])[0]) == 1
 
 
@@ -75,7 +75,7 @@ def test_a_part_that_another_file_has_is_left_out_by_line():
     both.meta = {'source': 'more.csv', 'lines': np.arange(2, 34)}
     kept, notes = without_copies([one, both])
     assert [len(run) for run in kept] == [60, 20]
-    assert notes == ['more.csv: 12 of 32 rows excluded, they are in one.csv too']
+    assert notes == ['more.csv: 12 of 32 rows excluded: they are also in one.csv']
     assert [e['row'] for e in kept[1].meta['excluded']] == list(range(2, 14))
     assert kept[1].lines.tolist() == list(range(14, 34))
     np.testing.assert_array_equal(kept[1]['az'], other['az'])
@@ -85,7 +85,7 @@ def test_observations_that_judge_others_are_not_among_them():
     one = night()
     held, _ = without_copies([night(30, seed=3), one.select(np.arange(5))], [one])
     assert [len(run) for run in held] == [30]
-    with pytest.raises(ValueError, match='all 60 rows are in one.csv too; give other'):
+    with pytest.raises(ValueError, match='all 60 rows are also in one.csv; give other'):
         without_copies([rounded(one)], [one])
 
 

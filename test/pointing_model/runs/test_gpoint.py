@@ -113,7 +113,7 @@ def test_cells_and_dates_that_are_none_are_told(german, refuse, read):
     lines = german.splitlines()
     cells = lines[4].split('\t')
     for row, reason in (([*cells[:3], 'far', *cells[4:]], "RA-MNT 'far' is not a number"),
-                        ([cells[0], '5.0', *cells[2:]], "JD '5.0' is outside 1900 to 2100 as"),
+                        ([cells[0], '5.0', *cells[2:]], "JD '5.0' is outside 1900 to 2100, as"),
                         ([*cells, '1'], '10 columns, but 9 are read')):
         run = read('\n'.join([*lines[:4], '\t'.join(row), *lines[5:]]))
         (left,) = run.meta['excluded']

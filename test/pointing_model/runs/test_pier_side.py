@@ -87,7 +87,7 @@ def test_rows_of_an_unknown_side_are_placed_as_the_others_are(read, west, east, 
     sides[5::7] = [unknown] * len(sides[5::7])
     run = read(sides)
     assert np.array_equal(is_beyond(run['el']), beyond) and right(run)
-    assert any('8 of 60 rows: 8 placed by the hour angle' in note for note in run.meta['notes'])
+    assert any('8 of 60 rows: set by the hour angle in 8' in note for note in run.meta['notes'])
 
 
 @pytest.mark.parametrize('unknown', ['1', '-1'])
@@ -101,7 +101,7 @@ def test_ones_without_a_zero_are_what_keeps_the_counterweight_down(tmp_path, unk
                                    for row, side in zip(east, sides)))
     run = read_run(path)  # ASCOM's west
     assert is_beyond(run['el']).all() and right(run)
-    assert any('taken as ASCOM has it' in note for note in run.meta['notes'])
+    assert any('read as in ASCOM' in note for note in run.meta['notes'])
     path.write_text(HEAD + ''.join(','.join(f'{v:.8f}' for v in row) + ',1\n'
                                    for row in rows[~beyond]))
     run = read_run(path)

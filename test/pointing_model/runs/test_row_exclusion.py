@@ -63,11 +63,11 @@ def test_the_rest_says_what_was_left_out(run):
     assert len(left) == N - 3 and left.lines.tolist() == [2, 5, 6, 7, 8, 9, 10]
     assert left.meta['excluded'] == [{'row': row, 'reason': REASON} for row in (3, 4, 11)]
     none = without_excluded(run, ['magnitude>100, 3'])
-    assert len(none) == N - 1 and none.meta['notes'] == ['--exclude magnitude>100 fits no row']
+    assert len(none) == N - 1 and none.meta['notes'] == ['--exclude magnitude>100 matches no row']
 
 
 @pytest.mark.parametrize('text, said', [
-    ('40', 'no such row is in use; they go from 2 to 11'), ('all', 'a condition such as el<20'),
+    ('40', 'no such row; rows in use go from 2 to 11'), ('all', 'a condition such as el<20'),
     ('wind>3', 'no column wind; the run has'), ('el<low', 'low is no number'),
     ('el>0', 'leaves no row')])
 def test_what_cannot_be_meant_is_one_line(run, text, said):

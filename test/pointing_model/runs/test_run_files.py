@@ -412,10 +412,10 @@ def test_icrs_refused(read, text, options, words, refuse):
 
 def test_a_site_given_in_place_of_another_is_said(read):
     declared = '# latitude_deg: 31.69\n# longitude_deg: 249.12\n# height_m: 2608\n' + ICRS
-    assert not any('was read' in note for note in read(declared, site=SITE).meta['notes'])
+    assert not any('declares' in note for note in read(declared, site=SITE).meta['notes'])
     for name, value, size in ('longitude', 110.88, DEG), ('height', 100.0, 1.0):
         notes = read(declared, site={name: value * size}).meta['notes']
-        assert any(f'says {name}' in note and f'read with {value:g}' in note for note in notes)
+        assert any(f'{name} {value:g} ' in note and 'declares' in note for note in notes)
     # places of the horizon are refracted already
     places = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n10,40,10,40\n'
     assert any('change nothing' in note
@@ -430,13 +430,13 @@ def test_air_that_cannot_be_is_not_measured(read, column, value):
         ',,1', ',,,1')
     run, bare = read(text, site=SITE), read(ICRS, site=SITE)
     assert run['el'] == pytest.approx(bare['el'], abs=1e-12)
-    assert any(f'{value:g}' in note and 'taken as not measured' in note
+    assert any(f'{value:g}' in note and 'treated as missing' in note
                for note in run.meta['notes'])
     if value < 1:
         return
     # where the height is not known the air may be that of any telescope
     run = read(text, site={'latitude': SITE.latitude, 'longitude': SITE.longitude})
-    assert any('not measured' in note for note in run.meta['notes']) == (value != 564.0)
+    assert any('missing' in note for note in run.meta['notes']) == (value != 564.0)
 
 
 def test_one_number_of_the_air_leaves_the_others_as_they_are(read):

@@ -264,7 +264,7 @@ def test_absurd_numbers_count_as_not_measured(read, name, cells, kept):
     run = read(table(f'{HEADER},{name}', *rows))
     values = run[{'temperature_c': 'temperature', 'pressure_hpa': 'pressure'}.get(name, name)]
     assert len(run) == 5 and values[np.isfinite(values)].tolist() == kept
-    assert noted(run, name, f'in {5 - len(kept)} of 5 rows', 'not measured')
+    assert noted(run, name, f'in {5 - len(kept)} of 5 rows', 'treated as missing')
 
 
 def test_absurd_numbers_that_are_needed_leave_their_row_out(read):

@@ -109,7 +109,7 @@ def test_tpoint_azimuth_origin_from_a_comment(read, comment, origin):
     other = 'S' if origin == 'N' else 'N'
     forced = read(comment + '\n' + TPOINT, azimuth_origin=other)
     assert forced.meta['azimuth_origin'] == other
-    assert any('the file says' in note for note in forced.meta['notes'])
+    assert any('the file declares' in note for note in forced.meta['notes'])
 
 
 @pytest.mark.parametrize('comment, expected, said', [
@@ -156,7 +156,7 @@ def test_site_is_kept_and_compared(read):
     site = Site()
     run = read(TPOINT, site=site)
     assert run.meta['site'] is site
-    assert any('latitude -30.24' in note for note in run.meta['notes'])
+    assert any('declares -30.24' in note for note in run.meta['notes'])
 
 
 # ---------------------------------------------------------------------------------------- IRAM

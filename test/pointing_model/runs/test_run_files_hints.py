@@ -126,7 +126,7 @@ def test_the_right_ascension_of_the_mount_becomes_its_hour_angle(read):
                 read(head + '# longitude_deg: 11\n' + text(6))):
         terms = fit_terms(run).model.terms
         assert max(abs(terms[name] / ARCSEC - value) for name, value in true.items()) < 0.05
-        assert any('ha_enc_deg is made of ra_enc_deg' in note for note in run.meta['notes'])
+        assert any('ha_enc_deg computed from ra_enc_deg' in note for note in run.meta['notes'])
     assert 'longitude' in refused(read, head + text(5))
     assert 'no column time' in refused(
         read, head + 'ha_deg,dec_deg,ra_enc_deg,dec_enc_deg\n1,2,3,4')

@@ -212,7 +212,7 @@ def test_how_the_time_of_a_sidereal_clock_was_made(read):
         return next(text for text in run.meta['notes'] if text.startswith('time: from'))
     without, given = read(EXPORT), read(EXPORT, site={'longitude': -117.0 * DEG})
     whole = read(EXPORT, site=Site(39.0 * DEG, -117.0 * DEG, 10.0))
-    assert 'at longitude 0 (none is given: --longitude)' in note(without)
+    assert 'at longitude 0 (set --longitude)' in note(without)
     assert without.meta['time_is_utc'] is False
     for run in (given, whole):
         assert note(run).endswith('at longitude -117 deg') and run.meta.get('time_is_utc', True)
@@ -229,9 +229,9 @@ def test_an_equinox_that_is_given_goes_before_what_fits(read):
     assert np.array_equal(j2000['az'], read(EXPORT)['az'])  # four rows tell nothing: the default
     for run, words in ((date, 'as of date'), (j2000, 'as ICRS')):
         notes = ' '.join(run.meta['notes'])
-        assert f'taken {words}, as it was given' in notes and 'does not say' not in notes
+        assert f'read {words}, as requested' in notes and 'does not say' not in notes
         assert 'equinox_taken' not in run.meta
-    with pytest.raises(ValueError, match='this file has none; leave out --equinox'):
+    with pytest.raises(ValueError, match='this file has none; leave it out'):
         read('# mount: german\n# latitude_deg: 31\nha_deg,dec_deg,ha_enc_deg,dec_enc_deg\n'
              '30,20,30.1,20.2\n', equinox='date')
     with pytest.raises(ValueError, match="'b1950' is none of j2000, date"):
@@ -243,7 +243,7 @@ def test_an_equinox_that_the_file_tells_otherwise(read):
                'time,ra_deg,dec_deg,ha_enc_deg,dec_enc_deg\n'
                '2026-04-21T04:00:00Z,150,20,30.1,20.2\n', equinox='date')
     assert run.meta['solved'].frame.text == 'of date'
-    assert any('the file says that its places are ICRS, they were read as of date' in note
+    assert any('places read as of date, although the file declares ICRS' in note
                for note in run.meta['notes'])
 
 
@@ -271,7 +271,7 @@ def test_an_equinox_that_the_rows_contradict_by_far_is_refused(read):
     given = read(text(1.0), equinox='j2000')
     assert len(given) == n and not any('contradicts' in note for note in given.meta['notes'])
     with pytest.raises(ValueError, match=r'--equinox date contradicts the rows: .* arcsec if of '
-                       r'date, \d\.\d if J2000 .* give --equinox j2000, or leave it out'):
+                       r'date, \d\.\d if J2000 .* Give --equinox j2000, or leave it out'):
         read(text(1.0), equinox='date')
     noisy = read(text(80.0), equinox='date').meta['notes'][0]  # less sure: a note
     assert noisy.startswith('--equinox date contradicts the rows: ')
@@ -318,7 +318,7 @@ def test_rows_that_cannot_tell_the_equinox_say_so():
     found = equinox.comparison({'J2000': wrong, 'of date': right}, reading, time, GERMAN)
     assert not found['told'] and found['taken'] == 'J2000' and found['log_likelihood'] < 10.0
     said = equinox.sentence(found)
-    assert 'taken as J2000, a guess. Undecided: ' in said
+    assert 'taken as J2000, a guess; the data do not decide: ' in said
     assert 'Of date would change ME by' in said and '--equinox j2000 or date' in said
     few = equinox.comparison({'J2000': tuple(v[:5] for v in right), 'of date': tuple(
         v[:5] for v in wrong)}, reading[:, :5], time[:5], GERMAN)

@@ -44,7 +44,7 @@ def test_elements_from_a_file_with_names(tmp_path):
     assert load_elements(path) == GPS
     iss = [_with_checksum(line) for line in ISS]
     path.write_text('\n'.join(['ISS', *iss, '', 'GPS', *GPS_26690, '']))
-    with pytest.raises(ValueError, match=r'two\.tle: 2 sets of elements .* 25544, 26690'):
+    with pytest.raises(ValueError, match=r'two\.tle: 2 sets of elements, .* 25544, 26690'):
         load_elements(path)
 
 
@@ -83,5 +83,5 @@ def test_orbit_runs_through_a_leap_second():
 
 def test_elements_of_another_theory_are_refused():
     typed = [_with_checksum(GPS_26690[0][:62] + '4' + GPS_26690[0][63:]), GPS_26690[1]]
-    with pytest.raises(ValueError, match='line 1, column 63: elements of type 4, another theory'):
+    with pytest.raises(ValueError, match='line 1, column 63: elements of type 4, not SGP4'):
         parse_elements(typed)

@@ -254,4 +254,4 @@ def test_a_night_that_two_files_have_counts_once():
     again = PointingRun(dict(runs[1].columns), {'notes': [], 'source': 'copy.csv'})
     found = nights_of([*runs, again], tuple(terms))
     assert [night.source for night in found.nights] == [f'{i}.csv' for i in range(4)]
-    assert 'copy.csv left out: all 30 rows are in 1.csv too' in found.notes
+    assert 'copy.csv left out: all 30 rows are also in 1.csv' in found.notes

@@ -206,13 +206,13 @@ def test_the_table_takes_the_terms_of_the_mount(tmp_path):
 
 
 def test_what_is_of_another_mount_is_one_line(tmp_path):
-    with pytest.raises(ValueError, match='katpoint .* alt-azimuth mounts alone'):
+    with pytest.raises(ValueError, match='katpoint .* alt-azimuth mounts only'):
         export(PointingModel(NINE, mount=GERMAN), PROGRAMS['katpoint'])
     path = tmp_path / 'model'
     for text, words in (('RTS2_ALTAZ 1 2 3 4 5 6 7', 'of an alt-azimuth mount'),
                         ('RTS2_GEM 1" 2"', 'RTS2_MODEL and nine'),
                         ('c\nT 3 1.0 0.0 0.0\n  IA  3.0 1.0\nEND\n', 'IA .row 3. is no term'),
-                        ('0.1 0 0.2', 'alt-azimuth mounts alone'),
+                        ('0.1 0 0.2', 'alt-azimuth mounts only'),
                         (':SX00,3#\n:SX06,9#', 'dfCor is not read')):
         path.write_text(text)
         with pytest.raises(ValueError, match=words):

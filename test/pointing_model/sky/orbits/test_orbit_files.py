@@ -131,7 +131,7 @@ def test_two_daily_files_have_the_quarter_of_an_hour_between(tmp_path):
     found, notes = orbit(tmp_path, sp3(first), file='a', b=sp3(second))
     midnight = np.linspace(85_600.0, 86_390.0, 9)
     assert off(found, midnight) < 0.05 and not notes
-    with pytest.raises(ValueError, match='2017-12-02 23:00:00 UTC is in no file; they have '
+    with pytest.raises(ValueError, match='no position at 2017-12-02 23:00:00 UTC; the files cover '
                                          '2017-12-03 00:00:00 to 2017-12-04 23:45:00'):
         found.itrf(START - 3600.0)
 
@@ -170,10 +170,10 @@ PLAIN = sp3(EPOCHS, velocities=False)
     (oem(EPOCHS, frame='ICRF'), None,
      'line 8: frame ICRF is not read; known are ITRF, EME2000, TEME'),
     (oem(EPOCHS, scale='UT1'), None, 'line 9: time scale UT1 is not known'),
-    (oem(EPOCHS).replace('EARTH', 'MOON'), None, 'positions from MOON'),
+    (oem(EPOCHS).replace('EARTH', 'MOON'), None, 'positions relative to MOON'),
     (cpf(EPOCHS, frame=2), None, 'its frame is inertial, mean of J2000; give a prediction in the'),
     (edited(cpf(EPOCHS), 8, lambda row: row[:25]), None, 'line 8: a position of 3 numbers'),
-    ('a,b\n1,2\n', None, 'orbit.txt is no orbit; known are CPF, OMM, two-line elements, OEM, SP3'),
+    ('a,b\n1,2\n', None, 'is no orbit file; known: CPF, OMM, two-line elements, OEM, SP3'),
 ])
 def test_bad_input_is_one_line(tmp_path, text, name, message):
     with pytest.raises(ValueError) as error:
@@ -218,7 +218,7 @@ def test_a_bad_or_a_missing_coordinate_is_told_and_left_out(tmp_path):
     found, notes = orbit(tmp_path, edited(PLAIN, 12, moved))  # the second epoch
     assert '30 km' in notes[0] and off(found, np.array([100.0])) < 0.5
     found, notes = orbit(tmp_path, edited(PLAIN, 80, moved))
-    assert '30 km from where its neighbours say, and left out' in notes[0]
+    assert '30 km off its neighbours, and left out' in notes[0]
     assert off(found) < 0.02
     none = f'{0.0:14.6f}' * 3
     found, notes = orbit(tmp_path, edited(PLAIN, 80, lambda row: row[:4] + none + row[46:]))
