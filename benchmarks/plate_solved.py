@@ -212,7 +212,7 @@ def spoil(night, kind, rng):
         columns['sigma_arcsec'][n:] = 0.4
         return columns, {n + 6: ('a second solution',), n + 7: ('a second solution',)}
     columns['scale_arcsec_px'][rows] *= [2.0, -1.0]
-    return columns, {int(r) + 6: ('scale of its solution',) for r in rows}
+    return columns, {int(r) + 6: ('image scale',) for r in rows}
 
 
 def main():
