@@ -41,37 +41,37 @@ def site_of(text):
 
 
 PARAMS = (
-    Param('mode', BATCH, 'batch: a model when asked to fit; track: a model after each star too, '
-          'from the reference or the fit on, which follows what moves', choices=(BATCH, TRACK),
+    Param('mode', BATCH, 'batch: fit on request; track: also update the model after each star, '
+          'from the reference or the first fit on', choices=(BATCH, TRACK),
           fixed=True),
     Param('model_file', '', 'pointing model of an earlier night (JSON or YAML), the reference of '
           'the zero', fixed=True),
-    Param('split_seed', 1, 'seed of the choice of stars held out of the check', 0, 2**31 - 1,
+    Param('split_seed', 1, 'seed of the choice of held-out stars', 0, 2**31 - 1,
           fixed=True),
-    Param('least_exposures', 16, 'exposures below which a zero comes with a warning',
+    Param('least_exposures', 16, 'a zero of fewer exposures comes with a warning',
           1, 100000),
-    Param('reference_age', 0, 'the reference of a zero is the model fitted so many power-ons '
+    Param('reference_age', 0, 'the reference of a zero is the model fitted this many power-ons '
           'before; 0: model_file for all', 0, 1000, fixed=True),
     KEPT_POWER_ONS,
-    Param('alpha', ALPHA, 'chance that the service diagnose adds an effect to a clean night', 1e-6,
-          0.5),
+    Param('alpha', ALPHA, 'false-alarm probability: that diagnose adds an effect to a clean night',
+          1e-6, 0.5),
     Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '
           'what follows the stars; empty: unknown', check=site_of),
-    Param('horizon', '', 'corners of the skyline as of the mount guard, give both one under /**: '
-          'in the parameter file: nothing behind it is proposed; empty: unknown [deg]',
+    Param('horizon', '', 'skyline corners as of the mount guard (set both under /**: '
+          'in the parameter file); nothing below it is proposed; empty: unknown [deg]',
           check=parse_horizon, fixed=True),
-    Param('diagnosed_at', 0, 'stamp of the newest observation that the service diagnose takes '
-          '[ns]; 0: all. For replays, which have all of them at once', 0, 2**63 - 1, fixed=True),
-    Param('graduation', '', 'lines in a turn of the encoder, such as grating=47200, for readings '
-          'that slipped by whole lines; empty: unknown', fixed=True, check=declared_graduation),
+    Param('diagnosed_at', 0, 'the service diagnose uses observations up to this stamp '
+          '[ns]; 0: all. For replays, which have all at once', 0, 2**63 - 1, fixed=True),
+    Param('graduation', '', 'lines per turn of the encoder, such as grating=47200, to correct '
+          'slips by whole lines; empty: unknown', fixed=True, check=declared_graduation),
     Param('harmonics', 'none', "paper 000's harmonics in the model that is published, by how their "
           'E is read: zenith distance, or as printed', choices=CHOICES, fixed=True),
     Param('harmonics_alone', False, 'the harmonics without the physical terms, as in the paper; '
-          'else of what the terms leave', fixed=True),
-    Param('harmonics_degree', 0, 'of the harmonics; 0: the one that predicts stars left out best',
+          'else fitted to the residuals of the terms', fixed=True),
+    Param('harmonics_degree', 0, 'degree of the harmonics; 0: the best cross-validated',
           0, DEGREE, fixed=True),
-    Param('harmonics_rcond', RCOND_HARMONICS, 'combinations of their coefficients that the stars '
-          'determine so much worse than the best are left out; 1e-12: none is', 1e-12, 0.1,
+    Param('harmonics_rcond', RCOND_HARMONICS, 'smallest relative singular value of the harmonics '
+          'that is fitted; worse determined combinations are dropped; 1e-12: none', 1e-12, 0.1,
           fixed=True),
     Param('diagnosis_page', '', 'HTML file that the service diagnose writes; empty: none'),
 )

@@ -151,7 +151,7 @@ def watch(stream, kind, host, port, device, silence=SILENCE[INDI]):
         if armed:
             why = 'has died' if ready else f'is silent for {silence:g} s'
             done = stop(kind, host, port, device)
-            print(f'who commanded the mount {why}: {device} '
+            print(f'the process that commanded the mount {why}: {device} '
                   + ('is stopped' if done else f'may still move: nobody answers at {host}:{port}'),
                   file=sys.stderr, flush=True)
             armed = False

@@ -32,11 +32,11 @@ from .axes_and_places import AxisFollower, axes_at, place_of_date
 from .connection import RETRY, BridgeError, Reconnection
 
 #: sentence for a driver without axis angles
-NO_AXES = ('the driver reports no axis angles: its position is taken for them, and what its '
-           'model corrects cannot be measured')
+NO_AXES = ('the driver reports no axis angles: its position is used for them, so errors that '
+           'its model corrects cannot be measured')
 #: axes at rest are not reported again by a driver; they are repeated here at this interval, s
 STILL = 0.2
-NO_RATES = ('the driver takes no rates of the axes: a satellite is not followed; track it with a '
+NO_RATES = ('the driver accepts no axis rates: satellites cannot be tracked; to track one, write a '
             'driver of your own (docs/real_mount.md)')
 #: s after an order until the driver reports that it is moving
 TAKES_IT = 0.6
@@ -199,8 +199,8 @@ class GotoMount:
         elsewhere = there is None or bool(np.abs(wrap(np.array(there[:2]) - (
             self.site.latitude, self.site.longitude))).max() > 1e-6)
         if elsewhere and not may_move:
-            raise BridgeError(f'{telescope.device} stands elsewhere than the parameters of the '
-                              'site say')
+            raise BridgeError(f'{telescope.device} has another site than the parameters '
+                              'latitude_deg and longitude_deg')
         return elsewhere
 
     # --- readings -----------------------------------------------------------------------------
@@ -359,8 +359,8 @@ class GotoMount:
         demand = self.demand(stamp)[0]
         self._beside = ''
         if self._follower.other_side(demand, reading):
-            self._beside = ('the driver took the other side of the pier than was commanded: '
-                            'nearer to the meridian it chooses by itself')
+            self._beside = ('the driver took the side of the pier that was not commanded: '
+                            'near the meridian it chooses by itself')
             return
         rates, moves = self._rates(now)
         if moves and np.abs(rates).max() > NO_STAR:  # and not at rest
@@ -428,8 +428,8 @@ class GotoMount:
         if not self.ready:
             return self.why, True
         if self._stopping and time.monotonic() - self._stopping > GOES_ON:
-            return (f'the mount moves or tracks {GOES_ON:g} s after the order to stop: stop it '
-                    'by its own controls, and look at its driver'), True
+            return (f'the mount moves or tracks {GOES_ON:g} s after the stop command: stop it '
+                    'by its own controls, and check its driver'), True
         if self._beside:
             return self._beside, False
         telescope = self.telescope

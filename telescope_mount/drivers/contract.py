@@ -137,7 +137,7 @@ def _rate(out, samples, stream, slow):
         out.ok(f'{rate:.4g} messages a second')
     usual, longest = float(np.median(steps)), float(steps.max())
     if longest > max(GAP, PERIODS * usual):
-        out.add(grave, f'silent for {longest:.1f} s, and usually every {usual:.3g} s')
+        out.add(grave, f'silent for {longest:.1f} s, usually one every {usual:.3g} s')
 
 
 def _stamps(out, stream, late, ahead):
@@ -249,7 +249,7 @@ def _motion(out, stamps, values, rates, pointed):
         out.wrong(f'no velocity, and its noise over {float(np.median(passed)):.3g} s '
                   'looks like motion: home never sees it at rest; fill velocity')
     if not way.any():
-        out.note('not one bit has changed: it stands, or it is frozen (move the mount, or --nudge)')
+        out.note('exactly constant: at rest, or frozen (move the mount, or use --nudge)')
 
 
 def _velocity(out, way, passed, rates):

@@ -66,8 +66,8 @@ class GuardClient:
                                      overrides={'mount': mount_text(mount), **guard})
             executor.add_node(self._guard)
         if not spin(10.0, lambda: self.status and self._pub.get_subscription_count()):
-            raise ValueError('not nudged: what publishes command takes no request; end it, and a '
-                             'guard is started')
+            raise ValueError('not nudged: the publisher of command takes no requests; end it, and '
+                             'a guard is started')
         node.create_timer(RENEW, self._renew)
 
     def _on_status(self, message):

@@ -280,7 +280,7 @@ def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard
             return findings
         # a driver in degrees would also take commands in degrees: fulfil the contract before moving
         if any(finding.level == WRONG for finding in findings):
-            return [*findings, Remark(WRONG, 'nudge', 'not nudged: mend what is wrong first')]
+            return [*findings, Remark(WRONG, 'nudge', 'not nudged: fix the errors above first')]
         try:
             samples, rests, remarks = listener.nudge(step, star)
         except ValueError as err:

@@ -313,8 +313,8 @@ class MountGuard(ManagedNode):
         resting = self._supervisor.state in ('idle', 'stopped', 'paused', 'parked')
         done, text = self._do('aborted', self._supervisor.abort)
         if done and resting and not (self._whole or self._supervisor.readings.at_rest(STILL)):
-            text += (': the axes move, or say no place, and not by this guard; what a driver does '
-                     'by itself (home) ends by the driver alone')
+            text += (': the axes move, or report no angle, but not by this guard: only the driver '
+                     'can stop its own motions (home)')
         return done, text
 
     def _on_park(self):
@@ -330,7 +330,7 @@ class MountGuard(ManagedNode):
         missing = [text for text in super().waiting_for() if text != ACTIVATION or self._is_news]
         command = self.resolve_topic_name(topics.COMMAND.name)
         if self.count_subscribers(command) and not self._is_driven():
-            missing.append(f'a driver of the mount: of the subscribers of {command} none is one')
+            missing.append(f'a driver of the mount: no subscriber of {command} is one')
         return missing
 
     def required(self):

@@ -99,15 +99,15 @@ class Supervisor:
         if jumped and self._course is not None and not self._settings.whole:
             self._goal = self._course = None  # its course is for another place
             self._brake(stamp)
-            self._set_state('aborted', ERROR, 'the readings jumped to another place and stay '
-                            'there: stopped; somebody homed it, or look at its encoder; then call '
+            self._set_state('aborted', ERROR, 'the readings jumped to another position and stay '
+                            'there: stopped; unless it was homed, look at its encoder; then call '
                             'resume')
         if self.readings.here is None:
             self._check = TrackCheck(self.limits)
             if known and (self._goal is not None or self.state == 'parking'):
                 self._drop(stamp)  # a new power-on invalidates the request
                 self._set_state('stopped', OK if self._settings.whole else WARN,
-                                'the encoders give no number any more: home the mount')
+                                'the encoders give no angle any more: home the mount')
         elif (jumped or not known) and not self._settings.turn_known:
             self._check = TrackCheck(self.limits.on_turn_of(self.readings.here[0]))
 
@@ -128,14 +128,14 @@ class Supervisor:
             The track is refused; one line says why.
         """
         if owner and self._owner and owner != self._owner and self._alive:
-            raise ValueError(f'{owner} asks while {self._owner} commands: end one of them')
+            raise ValueError(f'{owner} sends requests while {self._owner} commands: end one')
         if track.start == self.refused[0]:
             return
         self._forget_future(now)
         ahead = (track.start - now) * 1e-9
         if ahead > FAR and not self._settings.whole:
             # the requester may learn a moment later that the clock was set back
-            raise self._refuse(track, f'a request for {ahead:.0f} s from now: send one of now',
+            raise self._refuse(track, f'a request for {ahead:.0f} s from now: send one for now',
                                self._wall() > self._back)
         again = self._goal is not None and track.start == self._goal.start
         if not again and track.start == self._last:
@@ -152,7 +152,7 @@ class Supervisor:
                 self._begin(now, True)  # a restarted guard would never get a reading
             return
         if track.start < self._last:
-            raise self._refuse(track, 'a request older than the one before: check its stamp',
+            raise self._refuse(track, 'the request is older than the one before: check its stamp',
                                self._last - track.start <= FAR * 1e9)  # else our clock is set back
         self._last, self._vias, self._turns = track.start, [], None
         # not sharper than a track may be, for a slow mount
@@ -173,7 +173,7 @@ class Supervisor:
             return False
         self._goal, self._course, self._vias, self._out = None, None, [], []
         if not self.locked:
-            self._set_state('stopped', WARN, 'the clock was set back: ask anew')
+            self._set_state('stopped', WARN, 'the clock was set back: send the request again')
         return True
 
     def _halted(self, now):
@@ -238,7 +238,7 @@ class Supervisor:
                 self._vias, cubic = list(led[0]), led[1]
                 self._turns = round(float(cubic.angles[0, 0] - goal.angles[0, 0]) / (2.0 * math.pi))
                 if not self._settings.whole:  # the search took its time: the next step sets out
-                    return self._set_state('waiting', OK, 'a way is found')
+                    return self._set_state('waiting', OK, 'a path is found')
                 return (self._to_via(now) if self._vias
                         else self._set_out(cubic, state, now, 'following'))
         self._goal = None
@@ -294,7 +294,7 @@ class Supervisor:
     def _announce(self, name):
         self._set_state(name, OK, {
             'following': 'as requested', 'parking': 'on the way to the park position'}.get(
-                name, f'{len(self._vias)} points to pass'))
+                name, f'{len(self._vias)} waypoints left'))
 
     def _send_piece(self, now):
         self._out.append(self._course.piece(now, self._settings.ahead, self.limits.axes))
@@ -411,14 +411,14 @@ class Supervisor:
         text, goal = 'resumed', self._goal
         if not (goal is None or self._settings.whole) and now - goal.start > 1e9 * goal.times[-1]:
             self._goal = None
-            text = 'resumed: the track of before is over, and the next request is followed'
+            text = 'resumed: the old track has ended, and the next request is followed'
         self._set_state('idle', OK, text)
         try:
             if self._alive:
                 self._begin(now)
         except ValueError as err:
-            text = (f'resumed, but the track of before is refused: {err}. The next request is '
-                    'followed, if it may')
+            text = (f'resumed, but the old track is refused: {err}. The next request is '
+                    'followed if allowed')
         return text
 
     def park(self, now, place):

@@ -261,10 +261,10 @@ class TrackCheck:
         if len(knots) > 1 and min(map(sub, knots[1:], knots)) < SOON:
             return 'times of the track do not increase: give the knots in their order'
         if max(map(abs, speeds)) > NO_ANGLE:
-            return 'a rate of the track that is none of an axis: give radians a second'
+            return 'a rate of the track is too high for an axis: give radians a second'
         if knots[0] > 1.0 or knots[-1] < 0.0:
             return (f'a track from {knots[0]:.1f} to {knots[-1]:.1f} s from now: '
-                    'send one that is of now')
+                    'send one that includes now')
         if knots[-1] - knots[0] > LONGEST + 60.0:  # with braking at its end
             return (f'a track of {knots[-1] - knots[0]:.0f} s: send {LONGEST:.0f} s at most, '
                     'and the next one in time')
@@ -273,7 +273,7 @@ class TrackCheck:
         if max(map(abs, places)) > NO_ANGLE:
             largest = [max(map(abs, of)) for of in angles]
             i = largest.index(max(largest))
-            return (f'{self._words[i]} {largest[i]:.6g} rad is no angle of an axis: '
+            return (f'{self._words[i]} {largest[i]:.6g} rad is too large for an axis: '
                     'give radians')
         return ''
 

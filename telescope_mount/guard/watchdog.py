@@ -25,8 +25,8 @@ from msg_tools.units import DEG
 OK, WARN, ERROR = 0, 1, 2
 #: why nothing is sent
 UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
-LATE = ('this machine is late: nothing was sent in time; the mount has stopped, and goes on as '
-        'soon as it is judged anew')
+LATE = ('this machine was too slow to send in time: the mount has stopped, and resumes after the '
+        'next check')
 #: number of usual periods after which an instrument counts as silent
 PERIODS = 5.0
 #: a moving axis may lag by its motion in this time, s
@@ -113,7 +113,7 @@ def off_course(readings, course, behind, words):
         off = abs(readings.here[i] - angle)
         if off > behind + LAG * abs(rate):
             return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; '
-                    'somebody homed it, or look at its drive and encoder; then call resume')
+                    'unless somebody homed it, look at its drive and encoder; then call resume')
     return ''
 
 
@@ -140,7 +140,7 @@ def off_way(here, ends, behind, axes, words):
         high = min(most + beside, max(most, axis.high) + behind)
         if not low <= angle <= high:
             off = max(least - angle, angle - most)
-            return (f'the {word} is at {angle / DEG:.1f} deg, {off / DEG:.1f} deg outside of '
-                    'the checked way: stopped. Its driver goes another way or to the '
-                    'other side: look at it, and call resume')
+            return (f'the {word} is at {angle / DEG:.1f} deg, {off / DEG:.1f} deg outside '
+                    'the checked path: stopped. Its driver takes another path or the '
+                    'other side: check it, then call resume')
     return ''

@@ -72,8 +72,8 @@ def distinguish_causes(night, step):
     if taken:
         yield from night.new_model('diagnose')
     if wait > hours:
-        return f'{state}; a star {wait:g} h later is wanted, {hours:g} h may be waited'
-    return state + (f'; {taken} stars were taken, no more' if request else '')
+        return f'{state}; needs a star {wait:g} h later, but the plan waits {hours:g} h'
+    return state + (f'; stopped after the planned {taken} stars' if request else '')
 
 
 def _come_to(night, request, whole, tried):
@@ -93,7 +93,7 @@ def _come_to(night, request, whole, tried):
         # after a short move, so nothing may come in between
         **({'start': here, 'sides': sides} if short else {}))
     star = StarTarget(stars.select([row]))
-    words = f'{star.name}, {off / DEG:.1f} deg from the place asked for, ' + (
+    words = f'{star.name}, {off / DEG:.1f} deg from the requested place, ' + (
         whole['why'] if request is whole else 'the one before ' + whole['why'])
     if not short and any(sides):
         az, el = star.place(np.array([now * 1e-9]), *night.out.sky())

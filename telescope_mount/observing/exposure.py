@@ -196,7 +196,7 @@ class Exposer:
         if self._instruments.health.moves(CAMERA, seen[1] - seen[0], -beside):
             return True
         self.forget_aim()
-        self._out.refuse_frame('the camera does not see by how much the mount was moved')
+        self._out.refuse_frame('the camera does not show the motion that was commanded')
         return False
 
     def _check_camera(self, row):

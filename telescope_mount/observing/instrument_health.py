@@ -48,17 +48,17 @@ MOST_AMISS = 0.25
 #: what to do, by the kind of fault
 REMEDIES = {
     'silent': 'look at its driver, power and cable',
-    'never': 'look at its driver: it publishes, and nothing comes',
-    'message': 'mend its driver (docs/real_mount.md)',
-    'stamps': 'stamp with the time of the measurement, of a clock set by NTP',
+    'never': 'look at its driver: it is connected, but sends nothing',
+    'message': 'fix its driver (docs/real_mount.md)',
+    'stamps': 'stamp with the time of the measurement, from a clock set by NTP',
     'frozen': 'look at the instrument',
-    'step': 'keep it by NTP, and set the zero anew',
+    'step': 'synchronise it by NTP, and set the zero again',
     'number': 'home it again',
     'zero': 'home it, or power it off and on, and set the zero anew: it has changed. '
             'Look at its head, disc and cable',
     'motion': 'look at brakes, limits, joint names and signs (telescope-mount check-drivers)',
     'sign': 'its signs, rotation or scale are wrong: telescope-mount check-drivers --nudge',
-    'slow': 'nothing, or expose shorter',
+    'slow': 'nothing to do, or shorten the exposure',
     'blank': 'look at clouds, cover, focus, exposure, the size of the field, site and clock',
 }
 
@@ -213,7 +213,7 @@ class InstrumentHealth:
             return self._fault(name, 'stamps', 'stamps are 0')
         if last is not None and 0 <= last - stamp < CLOCK_JUMP:
             return self._fault(name, 'stamps', 'a stamp not after the one before: two of them on '
-                               'one topic, or its clock stands')
+                               'one topic, or its clock has stopped')
         if self._live and now:
             behind = BEHIND_FRAME if name == CAMERA else BEHIND_LIVE
             if not -behind <= stamp - now <= AHEAD_LIVE:
@@ -226,8 +226,8 @@ class InstrumentHealth:
         if last is not None and stamp <= last:
             back = last - stamp
             if now and now > then - CLOCK_JUMP:
-                return self._fault(name, 'stamps', f'stamps run back, by {back * 1e-9:.0f} s, '
-                                   'and the time of the graph does not')
+                return self._fault(name, 'stamps', f'stamps went back by {back * 1e-9:.0f} s, '
+                                   'but the time of the graph did not')
         self._stamps[name] = stamp, now
         self._good(name, 'stamps')
         if name != CAMERA:  # an image without a star does not test the unit
@@ -300,8 +300,8 @@ class InstrumentHealth:
 
     def turned(self, name, count, sense):
         """The last `count` miss distances fit the pointing if the camera is rotated."""
-        self._fault(name, 'sign', f'{sense} in the last {count} observations, by where the mount '
-                    'was pointed')
+        self._fault(name, 'sign', f'{sense} in the last {count} observations, compared with where '
+                    'the mount was pointed')
 
     def doubted(self, name):
         """Whether a camera has contradicted a motion, and has not been confirmed since."""
@@ -320,5 +320,5 @@ class InstrumentHealth:
         frozen = before is not None and np.isfinite(reading).any() and (
             np.array_equal(before[0], reading, equal_nan=True)) and (
             np.abs(first - before[1]).max() > OFF_TARGET)
-        return not self._fault(name, 'frozen', 'the same reading as at the star before, to the '
-                               'last bit' if frozen else '')
+        return not self._fault(name, 'frozen', 'exactly the same reading as at the star '
+                               'before' if frozen else '')

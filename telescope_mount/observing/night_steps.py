@@ -44,7 +44,7 @@ LAST_ONES = 10
 REFUSALS = 5
 #: what to do if `home` is missing, or was called and does not answer
 AFTER_HOME = ("start the mount's driver, or leave home out of the plan",
-              "it homes the mount; if the axes stand, look at the mount's driver")
+              "it is homing; if the axes do not move, look at the mount's driver")
 #: services of drivers that move; those of a simulated mount recognise repeated calls
 MOVING = ('home', *{service for services in POWER_CYCLES.values() for service in services})
 BEST = 35.0, 65.0  # elevation at which both axes move evenly, deg
@@ -287,7 +287,7 @@ class NightSteps:
         yield from self.until(there, 'the new zero')
         if known.zero_stamp < newest:  # the fit makes a zero for each power-on
             self.out.get_logger().warning(
-                'the new zero is of a power-on that is over: the old one stays active')
+                'the new zero is of an earlier power-on: the old zero stays active')
         self.instruments.health.clock()  # the zero includes the present clock error
 
     def _do_new_model(self, step):
@@ -380,9 +380,9 @@ class NightSteps:
         # before something moves
         if self.homes and self.instruments.here is None and self.instruments.live:
             yield from self.until(lambda: self.instruments.here is not None,
-                                   'the encoder to say where it stands')
+                                   'the first reading of the encoder')
         if not self.instruments.homed and self.homes:
-            self.out.get_logger().warning('the encoder has no zero any more: homing again')
+            self.out.get_logger().warning('the encoder has lost its zero: homing again')
             yield from self._do_home()
         if not self.instruments.homed:
             yield from self.until(lambda: self.instruments.homed,

@@ -34,30 +34,30 @@ PARAMS = SKY_PARAMS + (
           'again [arcsec]', 0.1, 36000.0),
     Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
           'exposure that counts [arcsec]', 0.1, 36000.0),
-    Param('exposure_s', 0.0, 'length of the exposures, with the encoder on target all that time; '
-          'its mean is taken; 0: its reading in the middle [s]', 0.0, 3600.0),
-    Param('smear_arcsec', 5.0, 'largest way of the axes beside their track in an exposure of '
+    Param('exposure_s', 0.0, 'length of the exposures, with the encoder on target throughout; '
+          'its mean is used; 0: its reading in the middle [s]', 0.0, 3600.0),
+    Param('smear_arcsec', 5.0, 'largest motion of the axes off their track in an exposure of '
           'exposure_s that counts [arcsec]', 0.01, 3600.0),
-    Param('camera_late_s', 0.0, "by how much the camera's stamps are later than the encoder's of "
-          'the same moment, as the step clocks measures it: taken off them [s]', -10.0, 10.0),
+    Param('camera_late_s', 0.0, "delay of the camera's stamps behind the encoder's, as measured by "
+          'the step clocks; subtracted from them [s]', -10.0, 10.0),
     Param('clock_rate_arcsec_s', 30.0, 'how fast the axes drift past a star in the step clocks '
           '[arcsec/s]', 1.0, 600.0),
-    Param('slew_rate_deg_s', 4.0, 'slew rate of the mount: how long a track must be and stars stay '
-          'up, and how far apart they are [deg/s]', 0.01, 90.0),
-    Param('field_deg', 1.0, 'a star farther from the boresight is outside the field of the camera: '
-          'its message has another unit [deg]', 1e-3, 180.0),
-    Param('renew_request_s', 0.2, 'how often the request is renewed at the guard; 0: '
-          'once [s]', 0.0, 10.0, fixed=True),
+    Param('slew_rate_deg_s', 4.0, 'slew rate of the mount, to plan track lengths, visibility and '
+          'spacing of stars [deg/s]', 0.01, 90.0),
+    Param('field_deg', 1.0, 'a star farther from the boresight is refused: outside the field, '
+          'so its message has another unit [deg]', 1e-3, 180.0),
+    Param('renew_request_s', 0.2, 'interval at which the request to the guard is repeated; '
+          '0: sent once [s]', 0.0, 10.0, fixed=True),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
           'commanded again [s]', 0.5, 3600.0),
     Param('absolute_encoder', True, 'whether the mount has an absolute encoder beside the one that '
           'it is pointed with', fixed=True),
     Param('inclinometer', False, 'whether an inclinometer publishes; the rows have what it reads',
           fixed=True),
-    Param('give_up_s', 600.0, 'wall time without an observation after which a plan ends while '
-          'something is wrong or waited for; 0: never [s]', 0.0, 86400.0),
-    Param('state_file', '', 'where the night is kept, so that its plan goes on after a kill of '
-          'process or graph. One of another plan is put aside; none: not kept',
+    Param('give_up_s', 600.0, 'wall time without an observation after which a plan that is '
+          'blocked or waiting ends; 0: never [s]', 0.0, 86400.0),
+    Param('state_file', '', 'file with the state of the night, to resume its plan after a '
+          'restart. That of another plan is put aside; none: no file',
           fixed=True),
     Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
           'the night yet', -1000000, 1000000),
@@ -66,7 +66,7 @@ PARAMS = SKY_PARAMS + (
     Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, '
           'gps-26690, or a name and a file of its orbit, such as L52 lageos2.sp3',
           check=satellite_target),
-    Param('satellite_interval_s', 20.0, 'least time between two exposures of it [s]', 0.0, 3600.0),
+    Param('satellite_interval_s', 20.0, 'least time between satellite exposures [s]', 0.0, 3600.0),
     KEPT_POWER_ONS,
     MODEL_FILE,
 )

@@ -96,7 +96,7 @@ class NextStar:
         """Reason for the choice, for people."""
         terms = ', '.join(f'{name} {100 * gain:.0f} %' for name, gain in
                          list(self.gains.items())[:3] if gain > 0.05)
-        return (f'{self.seconds:.0f} s: takes the expected error from '
+        return (f'{self.seconds:.0f} s: reduces the expected error from '
                 f'{self.before / ARCSEC:.2f} to {self.after / ARCSEC:.2f} arcsec'
                 + (f'; measures {terms} of the variance' if terms else ''))
 

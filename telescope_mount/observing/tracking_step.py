@@ -72,8 +72,8 @@ def hold_error(night, step):
         exposer.earliest = max(due, exposer.now())
         if exposer.earliest >= end:
             expected = error_over(model, places, (end - model.stamp) * 1e-9) / ARCSEC
-            return (f'{len(table) - before} stars in {step.count:.0f} minutes held the expected '
-                    f'error; it is {expected:.2f} arcsec at the end, of {step.goal / ARCSEC:g}')
+            return (f'{len(table) - before} stars in {step.count:.0f} minutes; expected error at '
+                    f'the end {expected:.2f} arcsec, goal {step.goal / ARCSEC:g}')
         waited = (exposer.earliest - model.stamp) * 1e-9
         rate = night.out.value('slew_rate_deg_s') * DEG
         chosen = next_star(model, *places, night.instruments.here, places, waited,
@@ -118,8 +118,8 @@ class TrackedModel:
     def __init__(self, model):
         walks = walks_of(model)
         if walks is None:
-            raise ValueError('no tracked model: the calibration has to be in mode track, with a '
-                             'model to begin with (fit, or --reference)')
+            raise ValueError('no tracked model: set the calibration to mode track, and give it a '
+                             'first model (fit, or --reference)')
         try:
             noise = model.provenance[KEY]['evening']['noise']
             self.noise = rms(noise)

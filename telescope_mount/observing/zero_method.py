@@ -68,7 +68,7 @@ def way_to_zero(polaris, stars, *, lowest, highest):
     if stars is None:
         return ZeroMethod(True, 'no star is within the limits')
     ratio = own / stars
-    words = (f'sigma to be expected {own[0] / ARCSEC:.2f}, {own[1] / ARCSEC:.2f} arcsec, of stars '
+    words = (f'expected sigma {own[0] / ARCSEC:.2f}, {own[1] / ARCSEC:.2f} arcsec, with stars '
              f'{stars[0] / ARCSEC:.2f}, {stars[1] / ARCSEC:.2f}')
     if np.all(ratio <= WELL_UP):
         return ZeroMethod(True, f'Polaris is well up: {words}')
@@ -159,11 +159,11 @@ class ZeroChoice:
         star = load_catalogue(hip=[POLARIS_HIP])
         place = observed_place(star, self._time, self._site, self._weather)
         if not np.all(self._reach.permitted(self._mount, *place, self._time, star.hip)):
-            return ZeroMethod(False, 'the guard does not let the tube look at Polaris')
+            return ZeroMethod(False, 'the guard does not allow pointing at Polaris')
         heights, first, second = self._polaris(star, n)
-        for rows, why in ((self._now, 'as the exposures of this power-on so far'),
+        for rows, why in ((self._now, 'like the earlier exposures of this power-on'),
                           ([] if is_a_model(self._model) else self._earlier,
-                           'as the power-on before, since which the change is wanted')):
+                           'like the power-on before, to measure the change since then')):
             if not rows:
                 continue
             polaris = not any(row.get(MARK) for row in rows)
@@ -236,4 +236,4 @@ class ZeroChoice:
         names = ', '.join(f'{self._stars.hip[row]} x {count}'
                           for row, count in zip(chosen.rows, chosen.counts))
         return ZeroExposures(targets, by, f'zero by {by}: HIP {names}; {given}; '
-                             f'sigma to be expected {first:.2f}, {second:.2f} arcsec{again}')
+                             f'expected sigma {first:.2f}, {second:.2f} arcsec{again}')

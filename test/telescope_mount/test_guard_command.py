@@ -39,7 +39,7 @@ def test_the_guard_is_asked_from_the_command_line(process, ros_domain, ended, mo
     code, out, _ = ended('guard', 'park')
     assert code == 1 and out.startswith('park refused: where the axes stand is not known')
     code, out, _ = ended('guard', 'abort')
-    assert code == 0 and out.startswith('aborted: the axes move, or say no place')  # no encoder
+    assert code == 0 and out.startswith('aborted: the axes move, or report no angle')  # no encoder
     assert ended('guard') == (0, 'aborted: aborted: call resume\n', '')
     assert ended('lifecycle', 'mount_guard', 'deactivate')[:2] == (0, 'mount_guard: inactive\n')
     code, out, _ = ended('guard', 'resume')

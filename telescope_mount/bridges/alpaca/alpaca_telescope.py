@@ -142,7 +142,7 @@ class AlpacaTelescope:
     def knows_where_it_looks(self):
         """Raise AlpacaError if the position that it reports is only its estimate."""
         if not self.is_simulator:
-            raise AlpacaError(f'{self.device} reports what it believes, not what is seen: start a '
+            raise AlpacaError(f'{self.device} reports a computed, not a measured position: start a '
                               'camera of your own that publishes camera/miss_distance, and leave '
                               'alpaca_sky out')
 
@@ -246,7 +246,7 @@ class AlpacaTelescope:
         self.connect()
         system = int(self.ask('EquatorialSystem', 0))
         if system not in OF_DATE:
-            raise AlpacaError(f'{self.device} takes places of another equinox (EquatorialSystem '
+            raise AlpacaError(f'{self.device} uses another equinox (EquatorialSystem '
                               f'{system}): set it to topocentric coordinates')
         if not self.ask('CanSlewAsync', False):
             raise AlpacaError(f'{self.device} cannot slew (CanSlewAsync is false)')

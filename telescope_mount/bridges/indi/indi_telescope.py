@@ -88,7 +88,7 @@ def check_kind(telescope, kind):
 def knows_where_it_looks(telescope):
     """Raise IndiError if the position that a driver reports is only its estimate."""
     if telescope.get(TRUE_PLACE) is None and not is_simulator(telescope):
-        raise IndiError(f'{telescope.device} reports what it believes, not what is seen: start a '
+        raise IndiError(f'{telescope.device} reports a computed, not a measured position: start a '
                         'camera of your own that publishes camera/miss_distance, and leave '
                         'indi_sky out')
 

@@ -122,7 +122,7 @@ def test_a_driver_that_goes_another_way_is_stopped():
     driver = Driver(way=-1.0).run(0.2)
     with pytest.raises(ValueError, match='aborted: call resume'):
         driver.ask(60.0, 40.0).run(3.0)
-    assert driver.state == 'aborted' and 'outside of the checked way' in (
+    assert driver.state == 'aborted' and 'outside the checked path' in (
         driver.supervisor.reason)
     assert np.abs(driver.here / DEG - 90.0).max() < 4.0
 

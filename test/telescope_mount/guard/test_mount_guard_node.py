@@ -89,7 +89,7 @@ def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph
     mount.owned('/mount/player', other)
     graph.wait_for(lambda: mount.requests.publish(other) or guard.rejected,
                    'the second commander refused')
-    assert 'player asks while /mount/star_observer commands' in guard.rejected[
+    assert 'player sends requests while /mount/star_observer commands' in guard.rejected[
         topics.REQUEST.name][1]
     graph.wait_for(lambda: np.allclose(mount.here / DEG, (24.0, 52.0), atol=0.2), 'the star')
     assert all(not any(command.points[-1].velocities) for command in mount.commands)
@@ -138,7 +138,7 @@ def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
     mount.until('paused')
     guard._supervisor._goal = guard._supervisor._goal._replace(start=mount.now() - 10**12)
     answer = graph.call('resume')
-    assert answer.success and answer.message.startswith('resumed: the track of before is over')
+    assert answer.success and answer.message.startswith('resumed: the old track has ended')
     mount.ask(24.0, 52.0)
     mount.until('following')
     guard.before_end()  # as its process ends
@@ -228,8 +228,8 @@ def test_a_missing_driver_is_named_though_a_logger_hears_the_commands(graph):
                 self.subscribe(topics.COMMAND, print)
         return graph.add(Hears)
     hears('mcap_logger')
-    graph.report('mount_guard', 'waiting for a driver of the mount: of the subscribers of '
-                 '/mount/command none is one')
+    graph.report('mount_guard', 'waiting for a driver of the mount: no subscriber of '
+                 '/mount/command is one')
     hears('mount_driver')
     graph.wait_for(lambda: not guard.waiting_for())
 

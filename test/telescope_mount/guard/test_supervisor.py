@@ -108,7 +108,7 @@ def test_resume_after_the_end_of_the_track_follows_the_next_request(mount):
     mount.run(0.2)
     assert mount.state == 'paused'
     assert mount.supervisor.resume(mount.now) == (
-        'resumed: the track of before is over, and the next request is followed')
+        'resumed: the old track has ended, and the next request is followed')
     stands = mount.here
     assert np.array_equal(mount.run(2.0).here, stands) and mount.state == 'idle'
     assert mount.supervisor.refused == (0, '')
@@ -121,8 +121,8 @@ def test_resume_says_that_a_track_is_unsafe_now_and_that_the_next_is_followed(mo
     mount.run(4.0)
     mount.supervisor._check.check = lambda *_: Refused('the track meets the Sun')
     assert mount.supervisor.resume(mount.now) == (
-        'resumed, but the track of before is refused: the track meets the Sun. The next request '
-        'is followed, if it may')
+        'resumed, but the old track is refused: the track meets the Sun. The next request '
+        'is followed if allowed')
     assert mount.state == 'stopped' and mount.supervisor.refused[1] == 'the track meets the Sun'
     del mount.supervisor._check.check
     assert mount.ask(90.0, 40.0).run(40.0).state == 'following'
@@ -153,7 +153,7 @@ def test_it_parks(mount):
 
 def test_it_has_one_commander(mount):
     mount.ask(80.0, 30.0).run(1.0)
-    with pytest.raises(ValueError, match='player asks while observer commands'):
+    with pytest.raises(ValueError, match='player sends requests while observer commands'):
         mount.supervisor.take_request(mount.asked._replace(start=mount.now), mount.now, 'player')
 
 
@@ -316,7 +316,7 @@ def test_a_first_reading_a_turn_off_ends_with_those_that_contradict_it(first, th
         with contextlib.suppress(ValueError):
             mount.supervisor.take_reading(mount.now, mount.here, (np.nan, np.nan))
     mount.sent += mount.supervisor.step(mount.now, False)
-    assert mount.state == 'aborted' and 'jumped to another place' in mount.supervisor.reason
+    assert mount.state == 'aborted' and 'jumped to another position' in mount.supervisor.reason
     stop = mount.sent[-1]
     assert len(mount.sent) > sent and stop.angles[:, 0] / DEG == pytest.approx(then)
     assert not stop.rates.any()
@@ -377,7 +377,7 @@ def test_a_guard_that_was_held_up_and_then_reads_no_number_waits_and_goes_on(mou
     supervisor.take_reading(mount.now, (np.nan, np.nan), (np.nan, np.nan))
     assert supervisor.step(mount.now) == []
     assert (supervisor.state, supervisor.level) == ('stopped', WARN)
-    assert 'no number' in supervisor.reason
+    assert 'no angle' in supervisor.reason
     mount.asked = None
     supervisor.take_reading(mount.now + 1, mount.here, (np.nan, np.nan))
     assert not supervisor.readings.at_rest(1.0)  # nothing is known of its rate yet
@@ -397,7 +397,7 @@ def test_a_first_message_without_a_number_is_waited_after(recwarn):
 def test_a_request_from_the_future_is_refused_and_locks_nobody_out(mount):
     times, angles = np.array([0.0, 100.0]), np.tile([60.0 * DEG, 45.0 * DEG], (2, 1))
     late = Track(mount.now + 3600 * 10**9, times, angles, np.zeros((2, 2)))
-    with pytest.raises(ValueError, match='a request for 3600 s from now: send one of now'):
+    with pytest.raises(ValueError, match='a request for 3600 s from now: send one for now'):
         mount.supervisor.take_request(late, mount.now, 'somebody')
     assert mount.ask(40.0, 60.0).run(20.0).state == 'following'
 
@@ -410,10 +410,11 @@ def test_a_clock_that_is_set_back_ends_what_was_asked_for_and_no_more(mount):
         mount.supervisor.take_request(early, mount.now, 'observer')
     mount.sent, mount.start, mount.speed = [], mount.start - 3600 * 10**9, np.zeros(2)
     mount.run(0.2)
-    with pytest.raises(ValueError, match='send one of now'):  # who asks has not heard of it yet
+    with pytest.raises(ValueError, match='send one for now'):  # who asks has not heard of it yet
         mount.supervisor.take_request(late, mount.now, 'observer')
     assert mount.supervisor.refused == (0, '')
-    assert (mount.state, mount.supervisor.reason) == ('stopped', 'the clock was set back: ask anew')
+    assert (mount.state, mount.supervisor.reason) == (
+        'stopped', 'the clock was set back: send the request again')
     assert mount.sent == [] and np.all(mount.here == there)
     assert mount.ask(40.0, 60.0).run(20.0).state == 'following'
     assert np.abs(off(mount)).max() < 30.0

@@ -77,7 +77,7 @@ def test_an_ordinary_star_passes_as_it_was_asked_for(check):
     (star(140.0, 30.0), (80.0, 30.0), 'the way to the track comes below the horizon of'),
     (star(30.0, 94.99, (0.0, 1.0 / 60.0)), (0.0, 50.0), 'leaves its travel of -5 to 95 deg'),
     (star(30.0, 40.0, (4.5, 0.0)), (0.0, 50.0), 'azimuth at 4.5 deg/s on the track is faster'),
-    (star(30.0 * 57.3 * 3600.0, 40.0), (0.0, 50.0), 'is no angle of an axis: give radians'),
+    (star(30.0 * 57.3 * 3600.0, 40.0), (0.0, 50.0), 'is too large for an axis: give radians'),
     (star(np.nan, 40.0), (0.0, 50.0), 'a value that is not finite'),
     (star(30.0, 40.0), (np.nan, 50.0), 'where the axes stand is not known'),
 ])

@@ -112,11 +112,11 @@ def test_the_step_ends_with_its_stars_or_its_time(caplog):
     bench = Bench('tell_apart 1')
     Calibration(bench, {}, {'az_deg': 10.0}).run()
     assert len(bench.rows) == 1 and bench.calls == ['diagnose', 'diagnose']
-    assert 'it is asks; 1 stars were taken, no more' in caplog.messages
+    assert 'it is asks; stopped after the planned 1 stars' in caplog.messages
     bench = Bench('tell_apart 5')
     Calibration(bench, {'after_hours': 2.0}).run()
     assert not bench.rows
-    assert 'it is asks; a star 2 h later is wanted, 0 h may be waited' in caplog.messages
+    assert 'it is asks; needs a star 2 h later, but the plan waits 0 h' in caplog.messages
     bench = Bench('stars 1, tell_apart 5 2.5h')
     calibration = Calibration(bench, {}, {'after_hours': 2.0}, {'after_hours': 1.0}, end=CANNOT)
     calibration.run()

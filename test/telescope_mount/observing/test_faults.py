@@ -183,7 +183,7 @@ def test_a_slow_camera_is_waited_for_and_named():
 
 @pytest.mark.parametrize('offered, words', [
     (False, "a server of /mount/home: start the mount's driver, or leave home out of the plan"),
-    (True, "/mount/home to answer: it homes the mount; if the axes stand, look at the mount's "
+    (True, "/mount/home to answer: it is homing; if the axes do not move, look at the mount's "
            'driver')])
 def test_a_home_that_never_answers_is_named_and_ends_the_plan(caplog, offered, words):
     bench = Live('home, stars 3', give_up_s=20.0)
@@ -251,7 +251,7 @@ def test_names_that_are_wrong_are_told_until_five_good_messages_have_come():
     assert bench.plan.faults == []
     bench.answers -= {MOUNT}
     bench.instruments.health.unreadable(MOUNT, 'joints az and alt')
-    bench.names('joints az and alt; mend its driver')
+    bench.names('joints az and alt; fix its driver')
 
 
 def test_a_fault_that_is_over_is_said_and_the_plan_goes_on(caplog):

@@ -35,7 +35,7 @@ def told(health):
 @pytest.mark.parametrize('stamp, now, words', [
     (NOW, NOW, 'not after the one before'),
     (NOW - SECOND // 2, NOW, 'not after the one before'),
-    (NOW - 50 * SECOND, NOW, 'stamps run back, by 50 s'),
+    (NOW - 50 * SECOND, NOW, 'stamps went back by 50 s'),
     (NOW + 3600 * SECOND, NOW, '3600 s ahead'),
 ])
 def test_stamps_that_cannot_be_are_refused_until_they_can(stamp, now, words):

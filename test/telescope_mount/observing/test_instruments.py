@@ -114,7 +114,7 @@ def test_where_the_clock_began_anew_readings_of_before_are_forgotten():
     read.exposures.begin(Track(now[0], np.array([0.0, 600.0]), np.zeros((2, 2)), None))
     read.take_incremental(now[0], HERE, (0.0, 0.0))
     now[0] = 2 * 10**9
-    with pytest.raises(ValueError, match='run back'):  # of the track that was commanded
+    with pytest.raises(ValueError, match='went back'):  # of the track that was commanded
         read.take_incremental(now[0], HERE, (0.0, 0.0))
     read.clock_back()
     assert (read.stamp, read.began) == (0, 1) and read.exposures.take(1.0, print) is None

@@ -538,7 +538,7 @@ def test_a_plan_that_is_taken_up_again_waits_for_the_first_reading_and_homes_not
     bench = Bench('stars 1', homed=False, live=True)
     bench.services['home'] = lambda: (True, '')
     bench.plan.night.homes = True
-    bench.waits('the encoder to say where it stands')
+    bench.waits('the first reading of the encoder')
     assert bench.calls == []
     bench.read(bench.stamp, bench.position)
     bench.plan.advance()

@@ -209,7 +209,7 @@ def test_the_next_star_is_worth_its_time():
     near = np.hypot(np.cos(el) * np.sin((az - 1.0) / 2.0) * 2.0, el - 0.8) < 0.5
     free = next_star(tracker, az, el, here, places, sigma=ARCSEC)
     assert near[free.row] and free.after < free.before and 13.0 < free.seconds < 60.0
-    assert free.sentence().startswith(f'{free.seconds:.0f} s: takes the expected error from')
+    assert free.sentence().startswith(f'{free.seconds:.0f} s: reduces the expected error from')
     slow = next_star(tracker, az, el, here, places, sigma=ARCSEC, exposure_s=300.0)
     assert slow.seconds - 300.0 > free.seconds - 10.0  # the way is a small part of the time
     other = next_star(tracker, az, el, here, places, sigma=ARCSEC, allowed=~near)

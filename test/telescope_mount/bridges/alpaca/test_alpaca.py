@@ -149,7 +149,7 @@ def test_a_german_mount_is_read_by_its_side_of_the_pier():
 
 @pytest.mark.parametrize('state, words', [
     ({'AlignmentMode': 0}, 'is a mount of the kind altaz, and the parameter mount says'),
-    ({'EquatorialSystem': 2}, 'takes places of another equinox'),
+    ({'EquatorialSystem': 2}, 'uses another equinox'),
     ({'CanSlewAsync': False}, 'cannot slew'),
     ({'SiderealTime': sidereal_time(time.time(), DEFAULT_SITE) / DEG / 15.0 % 24.0 + 1.0},
      'its sidereal time is +35'),
@@ -169,7 +169,7 @@ def test_a_mount_that_goes_on_after_a_stop_is_named(monkeypatch):
         bench.driver.command(*track(30.0, 20.0))
         server.state['Tracking'] = True
         bench.driver.abort()
-        bench.until(lambda: 'the order to stop: stop it by its own' in bench.driver.state()[0])
+        bench.until(lambda: 'the stop command: stop it by its own' in bench.driver.state()[0])
         assert bench.driver.state()[1] and len(server.orders('abortslew')) > 2
         server.state['Tracking'] = False
         bench.until(lambda: bench.driver.state() == (NO_AXES, False))
@@ -182,7 +182,7 @@ def test_a_site_that_differs_is_told_unless_that_is_not_allowed():
             assert server.state['SiteLatitude'] == pytest.approx(DEFAULT_SITE.latitude / DEG)
         server.state['SiteLatitude'] = 10.0
         with Bench(server.port, set_site=False) as bench:
-            bench.until(lambda: 'stands elsewhere than the parameters' in bench.driver.state()[0])
+            bench.until(lambda: 'has another site than the parameters' in bench.driver.state()[0])
 
 
 def test_a_server_that_is_gone_is_said_and_found_again():
@@ -239,7 +239,7 @@ def test_a_real_telescope_does_not_know_where_it_looks():
         source = AlpacaStars('127.0.0.1', server.port, 0, Field())
         source.start()
         end = time.monotonic() + 10.0
-        while 'reports what it believes, not what is seen' not in source.why:
+        while 'reports a computed, not a measured position' not in source.why:
             assert time.monotonic() < end, source.why
             time.sleep(0.01)  # polls: another thread's doing
         assert not source.exposures

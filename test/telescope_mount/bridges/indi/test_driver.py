@@ -137,7 +137,7 @@ def test_the_other_side_of_the_pier_is_said_and_not_chased():
 
         def said():
             bench.rest((230.0 - 360.0, 160.0))
-            return 'other side of the pier' in bench.driver.state()[0]
+            return 'side of the pier that was not commanded' in bench.driver.state()[0]
         bench.until(said)
         assert len(bench.gotos()) == 1
 
@@ -219,7 +219,7 @@ def test_a_driver_that_takes_no_rates_is_said_to_follow_no_satellite():
             place = 50.0 + 0.05 * (time.time() - began)
             bench.driver.command(*piece(place, 0.05))
             bench.rest((place, 20.0))
-            return 'takes no rates of the axes' in bench.driver.state()[0]
+            return 'accepts no axis rates' in bench.driver.state()[0]
         bench.until(said)
 
 

@@ -92,5 +92,5 @@ def test_what_a_driver_of_a_real_mount_believes_is_not_taken_for_what_is_seen(gr
     with FakeServer() as real:
         frames = graph.listen(topics.MISS_DISTANCE)
         graph.add(IndiSky, port=real.port, mount='german')
-        graph.report('indi_sky', 'Mount reports what it believes, not what is seen')
+        graph.report('indi_sky', 'Mount reports a computed, not a measured position')
         assert not frames
