@@ -74,20 +74,19 @@ _SHARED = {
     'clock': ("station's clock", 's', 1.0)}
 
 
-def _shared(found):
+def _one_of_these(found):
+    each = [f'the orbit of {name} along the track' for name in found.causes]
     for name, (value, sigma) in found.evidence.items():
         what, unit, size = _SHARED[name]
         error = max(sigma / size, 1e-9)
         digits = max(0, 1 - int(np.floor(np.log10(error))))
-        yield f'{what} {value / size:+.{digits}f} ± {error:.{digits}f} {unit}'
-
-
-def _one_of_these(found):
-    each = [f'the orbit of {name} along the track' for name in found.causes]
-    each += [f'the {one} from the given value' for one in _shared(found)]
+        each.append(f'the {what} {value / size:+.{digits}f} ± {error:.{digits}f} {unit} beside '
+                    'what was given')
     which = 'One of these' if len(each) > 1 else 'This'
+    next_step = ('to be sure, track more arcs, also of other satellites' if found.causes
+                 else 'no orbit need be wrong: correct it')
     return (f'{which} is wrong ({_percent(found.size)}): {", or ".join(each)}. The fit allows for '
-            'it; to be sure, track more arcs, also of other satellites')
+            f'it; {next_step}')
 
 
 def _old_elements(found):
@@ -106,10 +105,6 @@ KINDS = {
         f'The orbits of {" and ".join(found.causes)} seem wrong, of most satellites: rather a zero '
         'jumped or the clock was set between passes. Number the power-ons (column run); do not '
         'trust these terms'),
-    'common to all': lambda found: (
-        f'Something that all rows share is wrong ({_percent(found.size)}), not necessarily an '
-        f'orbit: {", or ".join(_shared(found))} from the given value. The fit allows for it; '
-        'correct it'),
     'pass left out': _pass_left_out,
     'tracks disagree': lambda found: (
         f'The tracks disagree: {found.size:.1f}" RMS are left, {found.size / found["noise"]:.0f} '

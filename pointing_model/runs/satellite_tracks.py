@@ -94,10 +94,9 @@ class SatelliteTracks:
 
     def select(self, rows):
         """The tracks with only some rows (a mask or indices); names keep their numbers."""
-        return replace(self, run=self.run.select(rows), object=self.object[rows],
-                       arc=self.arc[rows], clock=self.clock[:, rows], ahead=self.ahead[:, rows],
-                       across=self.across[:, rows], out=self.out[:, rows], speed=self.speed[rows],
-                       orbit_sigma=self.orbit_sigma[rows],
+        of_rows = 'object', 'arc', 'clock', 'ahead', 'across', 'out', 'speed', 'orbit_sigma'
+        return replace(self, run=self.run.select(rows),
+                       **{name: getattr(self, name)[..., rows] for name in of_rows},
                        common={name: of[:, rows] for name, of in self.common.items()})
 
 

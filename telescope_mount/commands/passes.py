@@ -85,7 +85,7 @@ def run(args):
         raise ValueError(f'{short[0]}: no overlap; give the file of that day, or another --date')
     found.sort(key=lambda one: one.start)
     console = new_console()
-    console.print(_table(found, mount) if args.verbose else _short_table(found, mount))
+    console.print(_table(found, mount, args.verbose))
     if not args.verbose and len(found) > _MOST:
         console.print(f'{len(found) - _MOST} more passes; --verbose lists all, with Sun and rates')
     if not found:
@@ -101,34 +101,19 @@ def _hours(first, last):
                        for one in (first, last))
 
 
-def _short_table(found, mount):
-    from datetime import datetime, timezone
-
-    from calibration.report.terminal_tables import new_table
-    from msg_tools.units import DEG
-    out = new_table(f'{len(found)} passes', 'satellite', 'UTC', 'min', 'highest', 'keyhole')
-    for one in found[:_MOST]:
-        lost = ', '.join(f'{hole.lost:.0f} s of the {mount.names.axes[hole.axis]}'
-                         for hole in one.keyholes)
-        out.add_row(one.name, f'{datetime.fromtimestamp(one.start, timezone.utc):%Y-%m-%d %H:%M}',
-                    f'{(one.end - one.start) / 60.0:.1f}', f'{one.top_el / DEG:.0f}°', lost or '–')
-    return out
-
-
-def _table(found, mount):
+def _table(found, mount, verbose):
     from datetime import datetime, timezone
 
     from calibration.report.terminal_tables import new_table
     from msg_tools.units import ARCSEC, DEG
-    out = new_table(f'{len(found)} passes', 'satellite', 'UTC', 'min', 'highest', 'phase',
-                    'in the Sun', 'from the Sun', 'arcsec/s', 'keyhole')
-    for one in found:
+    more = ('phase', 'in the Sun', 'from the Sun', 'arcsec/s') if verbose else ()
+    out = new_table(f'{len(found)} passes', 'satellite', 'UTC', 'min', 'highest', *more, 'keyhole')
+    for one in found if verbose else found[:_MOST]:
         begin = datetime.fromtimestamp(one.start, timezone.utc)
-        hole = '–' if not one.keyholes else ', '.join(
-            f'{hole.lost:.0f} s of the {mount.names.axes[hole.axis]} '
-            f'({hole.wanted / DEG:.0f} deg/s)' for hole in one.keyholes)
+        lost = ', '.join(f'{hole.lost:.0f} s of the {mount.names.axes[hole.axis]} '
+                         f'({hole.wanted / DEG:.0f} deg/s)' for hole in one.keyholes)
+        details = (f'{one.phase / DEG:.0f}°', f'{100.0 * one.sunlit:.0f} %',
+                   f'{one.sun_distance / DEG:.0f}°', f'{one.fastest / ARCSEC:.0f}')
         out.add_row(one.name, f'{begin:%Y-%m-%d %H:%M:%S}', f'{(one.end - one.start) / 60.0:.1f}',
-                    f'{one.top_el / DEG:.0f}°', f'{one.phase / DEG:.0f}°',
-                    f'{100.0 * one.sunlit:.0f} %', f'{one.sun_distance / DEG:.0f}°',
-                    f'{one.fastest / ARCSEC:.0f}', hole)
+                    f'{one.top_el / DEG:.0f}°', *details[:len(more)], lost or '–')
     return out

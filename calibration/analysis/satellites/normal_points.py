@@ -42,7 +42,6 @@ def normal_points(fit, seconds=SECONDS):
     """
     tracks = fit.tracks
     run, time = tracks.run, np.asarray(tracks.run['time'], float)
-    orbit = fit.columns.orbits(fit.values)
     used = fit.weights > 0.0
     seconds = max(seconds, float(np.count_nonzero(~tracks.is_star) and _length(tracks) / _MOST))
     cell = np.where(tracks.is_star, np.arange(len(time)), np.floor(time / seconds))
@@ -57,8 +56,7 @@ def normal_points(fit, seconds=SECONDS):
     middle = np.bincount(which, time * used) / np.maximum(weight, 1.0)
     nearest = np.lexsort((np.abs(time - middle[which]), ~used, which))
     first = nearest[np.searchsorted(which[nearest], np.arange(len(weight)))][good]
-    left = np.array(run.offsets()) - orbit
-    x, y = (mean(one) for one in left)
+    x, y = (mean(one) for one in np.array(run.offsets()) - fit.columns.orbits(fit.values))
     columns = {name: run[name][first] for name in ('time', 'az', 'el', 'star', 'az_rate',
                                                    'el_rate')}
     for name in ('temperature', 'pressure'):

@@ -166,12 +166,10 @@ def _knots(tracks, number):
         rows = np.flatnonzero(mine & (tracks.arc == arc))
         begin, end = time[rows].min(), time[rows].max()
         knots = np.linspace(begin, end, int(np.ceil((end - begin) / _KNOTS)) + 1)
-        for i, knot in enumerate(knots):
-            hat = np.interp(time[rows], knots, np.eye(len(knots))[i])
-            column = np.zeros((2, len(time)))
-            column[:, rows] = tracks.ahead[:, rows] * hat
-            columns.append(column.ravel())
-            moments.append(knot)
+        hats = np.zeros((len(knots), 1, len(time)))
+        hats[:, 0, rows] = [np.interp(time[rows], knots, one) for one in np.eye(len(knots))]
+        columns += list((hats * tracks.ahead).reshape(len(knots), -1))
+        moments += knots.tolist()
     rate = np.sqrt(np.mean(np.sum(tracks.ahead[:, mine] ** 2, axis=0)))
     lag = np.abs(np.subtract.outer(moments, moments)) / _DRIFT_MEMORY
     return columns, (0.5 + 0.5 * np.exp(-lag)) / rate**2

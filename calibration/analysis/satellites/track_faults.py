@@ -231,20 +231,20 @@ def fit_without_faults(tracks, **options):
         if '' in likely:
             break
         orbits = tuple(name for name in likely if name in kept.satellites)
-        if orbits == likely[:1] == likely and len(kept.satellites) > 1:
-            out.append(likely[0])
-            notes.append(Finding('orbit wrong', chances[likely[0]], unit='', causes=orbits))
-            continue
+        alone = orbits == likely[:1] == likely and len(kept.satellites) > 1
         # fit each alone: together they may be degenerate
         found = {name: fit_tracks(kept, wrong=(name,), **options)[f'common {name}']
                  for name in likely if name not in orbits}
-        notes.insert(0, Finding('one of these wrong' if orbits else 'common to all',
+        notes.insert(0, Finding('orbit wrong' if alone else 'one of these wrong',
                                 sum(chances[name] for name in likely), unit='', causes=orbits,
                                 evidence=found))
-        if orbits:
+        if alone:
+            out.append(likely[0])
+        elif orbits:
             suspects = {name: chances[name] for name in likely}
             break
-        freed = likely
+        else:
+            freed = likely
     if 2 * len(out) > len(tracks.objects):  # most must agree
         notes = [Finding('most orbits wrong', causes=tuple(out)),
                  *(one for one in notes if one.kind == 'pass left out')]

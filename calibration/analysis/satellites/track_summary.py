@@ -30,9 +30,9 @@ _DISAGREE = 5.0
 #: fewest rows to test stamps and signs; tolerance of the slope 2 of residuals on a miss distance;
 #: smallest significance of the slope, sigmas
 _FEWEST, _NEAR_TWO, _CERTAIN = 10, 0.3, 8.0
-#: stamps that scatter: smallest ratio of scatter along the track to that across; rounded to
-#: seconds: range of the scatter along the track, s (0.29 s expected)
-_SCATTERED, _LEAST_ROUND, _MOST_ROUND = 2.0, 0.2, 0.4
+#: stamps that scatter: smallest ratio of scatter along the track to that across; smallest scatter
+#: of rounded ones, s (0.29 s expected)
+_SCATTERED, _ROUNDED = 2.0, 0.2
 
 
 def track_document(fit):
@@ -48,14 +48,13 @@ def track_document(fit):
     """
     tracks = fit.tracks
     white, process, memory = fit.noise_of_rows()
-    sky = fit.sky_sigma()
     out = {
         'rows': len(tracks), 'rows_set_aside': int(np.count_nonzero(fit.weights == 0.0)),
         'mount': tracks.run.mount.kind,
         'terms': [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(sigma)}
                   for (name, value), sigma in zip(fit.model.terms.items(),
                                                   fit.model.sigmas / ARCSEC)],
-        'determined': fit.determines, 'sky_sigma_arcsec': sky / ARCSEC,
+        'determined': fit.determines, 'sky_sigma_arcsec': fit.sky_sigma() / ARCSEC,
         'noise': {'memory_s': float(memory), **{
             name or 'stars': {'white_arcsec': float(a / ARCSEC), 'memory_arcsec': float(b / ARCSEC)}
             for name, a, b in zip(tracks.objects, white, process)}},
@@ -81,14 +80,13 @@ def _scattered_stamps(fit):
     along, across = (one[rows] for one in tracks.along(*fit.after))
     if len(time) < _FEWEST or np.std(along) < _SCATTERED * np.std(across):
         return []
-    late = float(np.std(along / np.hypot(*tracks.ahead[:, rows])))
-    if np.all(time == np.round(time)) and _LEAST_ROUND < late < _MOST_ROUND:
-        return [Finding('whole stamps', late, unit='s')]
     # a wrong orbit drifts: its next row is off by as much
     step, aside = (np.diff(one)[np.diff(tracks.arc[rows]) == 0] for one in (along, across))
     if len(step) < _FEWEST or np.std(step) < _SCATTERED * np.std(aside):
         return []
-    return [Finding('stamps scatter', late, unit='s')]
+    late = float(np.std(along / np.hypot(*tracks.ahead[:, rows])))
+    whole = late > _ROUNDED and np.all(time == np.round(time))
+    return [Finding('whole stamps' if whole else 'stamps scatter', late, unit='s')]
 
 
 def _reversed_miss(fit):
