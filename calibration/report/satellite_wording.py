@@ -80,8 +80,8 @@ def _one_of_these(found):
         what, unit, size = _SHARED[name]
         error = max(sigma / size, 1e-9)
         digits = max(0, 1 - int(np.floor(np.log10(error))))
-        each.append(f'the {what} {value / size:+.{digits}f} ± {error:.{digits}f} {unit} beside '
-                    'what was given')
+        each.append(f'the {what} {value / size:+.{digits}f} ± {error:.{digits}f} {unit} from '
+                    'the given value')
     which = 'One of these' if len(each) > 1 else 'This'
     next_step = ('to be sure, track more arcs, also of other satellites' if found.causes
                  else 'no orbit need be wrong: correct it')
