@@ -143,7 +143,7 @@ KINDS = {
     'far place': lambda found: (
         f'{far_text(found.size)} from where the encoders point: wrong plate solution, or a slip'),
     'copied solution': lambda found: (
-        f'a copy of the solution of row {found["of"]}, {far_text(found.size)} from where the '
+        f'solution copied from row {found["of"]}, {far_text(found.size)} from where the '
         'encoders point'),
     'frame taken': _frame_taken,
     'leaning first axis': _first_axis_leans,

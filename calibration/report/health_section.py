@@ -119,7 +119,7 @@ def _agreement(run, axes):
         what = f'{axis}: incremental − absolute encoder at {int(good.sum())} exposures, about ' \
                f'the middle of each power-on; scatter {number(spread)} arcsec'
         out.append(page.Figure(svg(440, 202, panel.parts, what), f'{what[0].upper()}{what[1:]}.'))
-    return page.Subsection('The two encoders beside each other', out and page.FigurePair(out))
+    return page.Subsection('Incremental against absolute encoder', out and page.FigurePair(out))
 
 
 def _streams(rows):
@@ -151,9 +151,9 @@ def _decoding(health):
 
 
 def _nodes(nodes):
-    return page.Folded('What each node said last', page.Table(
-        ('node', 'at the end', 'worst', 'in words', 'what it counts'),
+    return page.Folded('Last status of each node', page.Table(
+        ('node', 'at the end', 'worst', 'message', 'counters'),
         [(node['name'], node['level'], node['worst'], node['message'],
           page.SentenceList([f'{key} {value}' for key, value in node['values'].items()])
           if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
-         for node in nodes], 'nodes', 'What each node said last'))
+         for node in nodes], 'nodes', 'Last status of each node'))

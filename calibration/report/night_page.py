@@ -399,7 +399,7 @@ def _models(report):
         ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
         'numbers', 'External check'))
     return page.FoldedSection('Models compared', [out, checked], 'Half of the stars fit each '
-                              'model, the other half judges it. RMS on the sky, arcsec.')
+                              'model, the other half validates it. RMS on the sky, arcsec.')
 
 
 def _rms(values):

@@ -163,7 +163,7 @@ class NightSteps:
                 break
             self._note_refusal(star)
         if row is None:
-            self.out.get_logger().warning(f'{star.name}: nothing in the field; the offset of the '
+            self.out.get_logger().warning(f'{star.name}: no star in the field; the offset of the '
                                            'clocks is not measured')
             return
         pointing, place = exposer.aimed_at(star), np.zeros(2)
@@ -325,7 +325,7 @@ class NightSteps:
             self._keep(row)
             self.out.send_row(self.table.add(row), row['stamp'])
         elif not refused:
-            self.out.get_logger().warning(f'{target.name}: nothing in the field; go on with the '
+            self.out.get_logger().warning(f'{target.name}: no star in the field; going on with the '
                                            'next')
         if refused and fresh:
             return False

@@ -284,7 +284,7 @@ class Sequencer:
         self._instruments.remember_runs(run['run'], run.get('encoder_start'))
         self._left = left
         self._out.get_logger().info(
-            f'took up {len(run)} observations of the night so far; they are of power-ons '
+            f'restored {len(run)} observations of this night; they are of power-ons '
             + ', '.join(f'{number:.0f}' for number in np.unique(run['run'])))
         self.advance()
 

@@ -354,12 +354,12 @@ class StarObserver(MountNode):
             status = self.resolve_topic_name(topics.CALIBRATION_STATUS.name)
             if not (missing or self._calibration_known) and any(
                     status in self._reports[name][PUBLISHES] for name in self._wanted_nodes):
-                missing = ['the calibration to say what it knows']
+                missing = ['the state of the calibration']
         elif self._calibration_is_silent():
-            missing = ['the calibration to say what it knows']
+            missing = ['the state of the calibration']
         missing = missing or self.guard.lacking()
         if not missing and self._has_rows and not len(self._table):
-            missing = ['the calibration to give back the rows of the night so far']
+            missing = ['the rows of the night so far from the calibration']
         return missing
 
     def _calibration_is_silent(self):

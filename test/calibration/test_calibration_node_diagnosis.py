@@ -193,7 +193,7 @@ def test_a_diagnosis_of_too_few_of_the_rows_claims_nothing(graph):
     desk.observe(few)
     status = graph.listen(topics.CALIBRATION_STATUS, depth=10)
     answer = graph.call('diagnose')
-    assert answer.success and answer.message.startswith('36 of 60 rows could be used')
+    assert answer.success and answer.message.startswith('36 of 60 rows are usable')
     graph.wait_for(lambda: status and status[-1].message == answer.message)
     assert status[-1].level == DiagnosticStatus.WARN
 

@@ -256,7 +256,7 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     entry, = document['refused']
     assert 'elevation_zero_with_time' in entry['effects']
     assert entry['found'][0]['name'] == 'elevation_zero_with_time'
-    assert 'in elevation' in entry['why'] and '25 rows' in entry['why']
+    assert 'in elevation' in entry['why'] and '25 new rows' in entry['why']
     assert entry['judgement']['radial']['chance'] < 0.05
     assert any(note.startswith('not published: elev') for note in document['notes'])
     assert found.model.terms == fitted.terms and found.chosen.zeros == zeros
@@ -319,7 +319,7 @@ def test_blind_stars_take_back_a_model_that_is_worse():
     taken = night.check_on_blind_stars(site=SITE)
     judged = taken.document['judged']
     assert judged['taken_back'] and judged['rows'] == 25
-    assert judged['why'].startswith('taken back: 25 rows')
+    assert judged['why'].startswith('taken back: 25 new rows')
     assert judged['radial']['after_arcsec'] > 1.5 * judged['radial']['before_arcsec']
     assert taken.document['verdict'] == 'taken_back' and taken.document['applied'] == []
     assert taken.diagnosis.verdict == 'taken_back' and [judged['why']] == taken.diagnosis.cautions
@@ -345,7 +345,7 @@ def test_blind_stars_leave_a_good_model_in_force(amended):
     (stars, *_, later), night, amended = amended
     night.add(later, 9 * 10**9)
     held = night.check_on_blind_stars(site=SITE)
-    assert held.document['judged']['why'].startswith('holds: 20 rows')
+    assert held.document['judged']['why'].startswith('holds: 20 new rows')
     assert held.model.effects == amended.model.effects
     assert held.model.terms == amended.model.terms
     assert held.document['verdict'] == 'identified'
@@ -375,7 +375,7 @@ def test_a_fit_that_is_worse_does_not_replace_the_model_in_force():
     model, report = night.fit()
     assert model.terms == good.terms and dict(night.active_zeros) == zeros
     assert model.provenance['last_stamp_ns'] == 9 * 10**9
-    assert report['refused'].startswith('this fit is not published: 40 rows')
+    assert report['refused'].startswith('this fit is not published: 40 new rows')
     assert report['refused'] in report['notes']
     # a calibration that was started again knows what is in force, and judges as this one did
     again = session(block(8, 2, polaris=True), stars, kept, bumped, last, fit=False)

@@ -301,10 +301,10 @@ def test_fit_reads_the_log_of_a_night(night, ended):
     assert code == 0, err
     assert '16 rows' in out
     assert '8 exposures of Polaris left out' in out
-    assert 'fitted as one' not in out
+    assert 'fitted together' not in out
     code, out, err = ended('fit', night / 'observations.csv', '--encoder', 'abs')
     assert code == 0, err
-    assert '2 runs (column run) fitted as one' in out
+    assert '2 runs (column run) fitted together' in out
 
 
 def test_fit_takes_one_run_of_several(ended, refused, run_csv):
@@ -315,9 +315,9 @@ def test_fit_takes_one_run_of_several(ended, refused, run_csv):
     run.columns['el_enc'] = run['el_enc'] + 300.0 * ARCSEC * (run['run'] == 2)
     write_csv(run, run_csv)
     _, out, _ = ended('fit', run_csv)
-    assert '60 rows' in out and 'fitted as one' in out
+    assert '60 rows' in out and 'fitted together' in out
     _, out, _ = ended('fit', run_csv, '--run', 2)
-    assert '30 rows' in out and 'fitted as one' not in out
+    assert '30 rows' in out and 'fitted together' not in out
     assert 'no run 7 (there: 1, 2)' in refused('fit', run_csv, '--run', 7)
 
 
@@ -339,7 +339,7 @@ def test_fit_gives_sessions_zeros_of_their_own(ended, refused, run_csv):
     assert abs(off) < 4.0 * np.sqrt(model.covariance[1, 1]) / ARCSEC < 20.0
     noted = ' '.join(ended('diagnose', run_csv, '--save', run_csv.parent / 'd.json')[1].split())
     assert 'has the medians of 2 runs' in noted
-    assert 'IE[2]' in out and '+300' in out and 'fitted as one' not in out
+    assert 'IE[2]' in out and '+300' in out and 'fitted together' not in out
     del run.columns['run']
     run.columns['time'][30:] += 5 * 3600.0
     write_csv(run, run_csv)

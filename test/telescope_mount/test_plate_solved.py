@@ -91,7 +91,7 @@ def test_a_false_solve_is_named(night, tmp_path):
     columns['ra_deg'][[3, 11]] += (40.0, 0.5)
     run = load_run(write(tmp_path / 'run.csv', columns))
     told = reasons(run)
-    assert list(told) == [9, 17] and 'a false solve' in told[9] and 'arcsec from where' in told[17]
+    assert list(told) == [9, 17] and 'wrong plate' in told[9] and 'arcsec from where' in told[17]
     assert len(run) == len(night.az) - 2
     fit = fit_terms(run).model.terms
     assert abs(fit['IA'] - SOLID.ia) < 5 * ARCSEC
@@ -117,7 +117,7 @@ def test_a_copied_solution_is_named(night, tmp_path):
         columns[name] = columns[name].copy()
         columns[name][7] = columns[name][6]
     told = reasons(load_run(write(tmp_path / 'run.csv', columns)))
-    assert list(told) == [13] and told[13].startswith('the solution of row 12 copied')
+    assert list(told) == [13] and told[13].startswith('solution copied from row 12')
 
 
 def test_a_star_centred_again_is_no_copy(night, tmp_path):
@@ -178,7 +178,7 @@ def test_a_frame_that_is_not_so_is_refused(night, tmp_path, true):
 
 def test_without_a_frame_the_rows_tell_it_or_nothing_is_fitted(night, tmp_path):
     run = load_run(write(tmp_path / 'run.csv', columns_of(night), HEAD))
-    assert noted(run, 'no frame is declared', 'ICRS it is')
+    assert noted(run, 'no frame is declared', 'ICRS is used')
     few = {name: v[:6] for name, v in columns_of(night).items()}
     with pytest.raises(ValueError, match='no frame of ra_deg, dec_deg is declared, and 6 rows'):
         load_run(write(tmp_path / 'few.csv', few, HEAD))
@@ -211,7 +211,7 @@ def test_the_sigma_of_a_solution_weighs(night, tmp_path):
     dec = night.dec + rng.normal(0, sigma) * ARCSEC
     plain = columns_of(night, ra_deg=ra / DEG, dec_deg=dec / DEG)
     weighed = load_run(write(tmp_path / 'run.csv', {**plain, 'sigma_arcsec': sigma}))
-    assert noted(weighed, '0.3 to 15 arcsec', 'the scatter beyond it')
+    assert noted(weighed, '0.3 to 15 arcsec', 'the extra scatter')
     # the mount's own noise of 1 arcsec comes beside, so that sharp images do not take the fit
     assert np.median(weighed['sigma_x'][sigma < 1]) / ARCSEC == pytest.approx(1.0, abs=0.4)
     assert np.median(weighed['sigma_x'][sigma > 1]) / ARCSEC == pytest.approx(15.0, abs=0.2)
@@ -295,7 +295,7 @@ def test_false_solves_and_frames_of_a_german_mount_are_named(german, tmp_path):
     for name in ('ra_deg', 'dec_deg'):
         columns[name][30] = columns[name][29]
     told = reasons(load_run(write(tmp_path / 'run.csv', columns, GERMAN)))
-    assert sorted(told) == [11, 37] and 'a false solve' in told[11] and 'copied' in told[37]
+    assert sorted(told) == [11, 37] and 'wrong plate solution' in told[11] and 'copied' in told[37]
     with pytest.raises(ValueError, match='the file says of date.*as ICRS the places leave'):
         load_run(write(tmp_path / 'run.csv', german[0], GERMAN.replace('ICRS', 'of date')))
 

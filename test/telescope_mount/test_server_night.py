@@ -78,7 +78,7 @@ def test_a_real_mount_needs_a_camera(refused, tmp_path):
         address = f'indi:localhost:{server.port}:german'
         said = refused('night', '--mount', address, '--out', tmp_path / 'x')
         found = ask_server(address, seen=True)
-    assert 'Mount reports what it believes, not what is seen: give a camera with --camera' in said
+    assert 'Mount reports a computed, not a measured position: give a camera with --camera' in said
     assert not (tmp_path / 'x').exists()
     assert not found.simulated
     specs = {spec.name: spec.parameters for spec in nodes_of(
@@ -124,7 +124,7 @@ def test_an_alpaca_telescope_is_asked_for_the_same(refused, tmp_path):
         value = server.value
         server.value = lambda name: [] if name == 'supportedactions' else value(name)
         said = refused('night', '--mount', address, '--out', tmp_path / 'x')
-    assert 'reports what it believes, not what is seen: give a camera with --camera' in said
+    assert 'reports a computed, not a measured position: give a camera with --camera' in said
     said = refused('night', '--mount', address, '--out', tmp_path / 'x')
     assert 'no answer' in said and not (tmp_path / 'x').exists()
 

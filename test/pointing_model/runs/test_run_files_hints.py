@@ -143,6 +143,6 @@ def test_auxiliary_readings_that_are_a_temperature_are_told_how_to_be_used():
     def note(name):
         (found,) = not_taken(Context(np.zeros(3), np.ones(3), {name: np.arange(3.0)}))
         return wording(found)
-    assert 'auxiliary_1' in note('auxiliary_1') and 'call the column temperature_c' in note(
+    assert 'auxiliary_1' in note('auxiliary_1') and 'name the column temperature_c' in note(
         'auxiliary_1')
     assert 'temperature_c' not in note('fwhm') and '--cause COLUMN' in note('fwhm')

@@ -148,7 +148,7 @@ def test_an_observer_started_anew_takes_its_night_from_the_calibration(graph, la
         topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE))
     status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=3))
     night = night or Night(graph, 'polaris 5')
-    graph.report('star_observer', 'the calibration to give back the rows of the night so far')
+    graph.report('star_observer', 'the rows of the night so far from the calibration')
     table.publish(run_to_cloud(rows, convert.from_stamp(first.rows[2].header.stamp)))
     left = Progress('observing', 'polaris 5', 0, 3, 5, 3, 7, 0, 'polaris 5')
     status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=3,
@@ -165,7 +165,7 @@ def test_a_calibration_that_is_there_is_heard_before_the_plan_begins(graph):
     status, _ = (graph.publisher(topic) for topic in (
         topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE))
     night = Night(graph, 'stars 1')
-    graph.report('star_observer', 'waiting for the calibration to say what it knows')
+    graph.report('star_observer', 'waiting for the state of the calibration')
     assert not sky.commands
     status.publish(convert.status(DiagnosticStatus.OK, 'calibration', '', observations=0))
     assert len(night.run()) == 1

@@ -83,5 +83,5 @@ def test_what_would_have_been_found_is_said():
     headline, sentences = verdict_sentences(document)
     assert headline == 'No significant error'
     assert sentences[2].startswith('Detection limits (90 %): ')
-    assert f'drifts: {drift["amplitude_arcsec"]:.2f}″ an hour' in sentences[2]
+    assert f'drift: {drift["amplitude_arcsec"]:.2f}″ an hour' in sentences[2]
     assert verdict_sentences({**document, 'detectable': None})[1][1].startswith('The model')

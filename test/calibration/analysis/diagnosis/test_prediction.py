@@ -50,7 +50,7 @@ def test_other_stars_are_predicted_better_and_what_it_is_made_of_is_said(found):
     assert np.std(found.model.residuals(fresh)) < 0.5 * np.std(found.base_model.residuals(fresh))
     assert found.parts[0]['name'] == 'azimuth_encoder_2'
     first, second = map(wording, found.findings())
-    assert 'No cause is claimed' in first and 'blocks of time left out' in first
+    assert 'No cause is claimed' in first and 'cross-validated in blocks of time' in first
     assert 'least observed tenth of the sky' in second
 
 

@@ -285,7 +285,7 @@ def test_a_wander_along_the_sky_moves_no_term_and_is_told_as_that():
         assert axis['moves_arcsec'] == pytest.approx(np.sqrt(
             axis['apart_arcsec']**2 - axis['next_arcsec']**2))
     headline, sentences = verdict_sentences(result.to_dict())
-    assert 'Neighbouring rows' in headline
+    assert 'neighbouring rows' in headline
     # what the rows do not tell apart is said first, then what can be seen in them
     assert sentences[0].startswith('Correlated noise: the zero drifts, or the model lacks an')
     assert 'about ten minutes apart by' in sentences[0]

@@ -88,7 +88,7 @@ def test_above_a_third_left_out_no_effect_is_claimed():
     assert result.model == result.base_model and result.before == result.after
     headline, sentences = verdict_sentences(result.to_dict(), caution=paragraph(result.cautions))
     assert 'Nothing is concluded' in headline
-    assert sentences[0].startswith('59 of 90 rows could be used')
+    assert sentences[0].startswith('59 of 90 rows are usable')
     assert 'no effect is claimed' in sentences[0]
     assert 'nothing concluded' in render(view_of(result))
     # outliers count as well

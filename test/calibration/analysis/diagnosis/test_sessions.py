@@ -101,7 +101,7 @@ def test_runs_of_several_files_are_numbered_in_time():
     for how in {}, {'zero': 3}, {'run': 3}:
         off = np.array(apply(found.model, 1.0 / DEG, 0.5 / DEG, **how)) * DEG - there
         assert np.abs(off).max() < 4.0 * ARCSEC
-    assert any('apply takes that of the newest, run 3' in wording(note)
+    assert any('apply uses that of the newest, run 3' in wording(note)
                for note in found.notes)
     files[0].columns['run'] = np.full(30, 7)  # numbers of its own are another's, too
     found = diagnose(files, flips=99, cross_validation=False)
@@ -159,7 +159,7 @@ def test_runs_held_out_are_divided_as_the_others():
     result = diagnose(joined(1, **moved), holdout=joined(9, **moved), flips=199,
                       cross_validation=False)
     assert result.before['holdout_rms_arcsec'] < 1.6
-    assert any('90 observations of 3 runs, IA, IE refitted' in wording(note)
+    assert any('90 observations of 3 runs; only IA, IE refitted' in wording(note)
                for note in result.notes)
 
 

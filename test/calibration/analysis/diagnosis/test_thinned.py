@@ -85,9 +85,9 @@ def test_it_says_how_many_rows_and_what_that_costs(both):
     assert told['after']['cv_rms_arcsec'] is not None
     assert whole.to_dict()['rows_not_drawn'] == 0 and whole.to_dict()['detection_factor'] == 1.0
     (note,) = (wording(n) for n in part.notes if n.kind == 'rows searched')
-    assert note.startswith('300 of 750 rows') and '1.6 times as large' in note
+    assert note.startswith('300 of 750 rows') and '1.6 times those of' in note
     assert 'rows searched' not in [n.kind for n in whole.notes]
-    assert '300 of 750 rows were searched' in render(view_of(part))
+    assert '300 of 750 rows, spread evenly over' in render(view_of(part))
 
 
 def test_the_part_is_spread_over_each_run_and_keeps_short_ones():
