@@ -66,7 +66,7 @@ def test_terms_are_fitted_anew_and_the_rest_is_held(ended, run, file, tmp_path):
     (line,) = [line for line in out.splitlines() if line.strip().startswith('IA ')
                and '+300.00' in line]
     assert float(line.split()[2]) == pytest.approx(412.0, abs=1.5)
-    assert 'not fitted anew: el cos 4E, el sin 4E' in ' '.join(out.split())
+    assert 'not refitted: el cos 4E, el sin 4E' in ' '.join(out.split())
     new = PointingModel.load(tmp_path / 'new.json')
     assert tuple(new.terms) == BaseModel.read(file, ALTAZ).terms
     x, y = new.residuals(run[1])

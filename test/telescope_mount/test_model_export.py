@@ -61,8 +61,8 @@ def test_a_file_of_another_program_is_written_with_a_word_on_undetermined_terms(
                   directions=[{'TF': 1.0, 'IE': -0.6}]).save(tmp_path / 'model.json')
     code, said, _ = ended('export', tmp_path / 'model.json', tmp_path / 'out.dat', '--to', to)
     assert code == 0
-    assert ('undetermined by these stars: IE, TF. TF is held at zero, and IE stands for the sum of '
-            'all of them here') in ' '.join(said.split())
+    assert ('undetermined by these stars: IE, TF. TF is held at zero, and IE includes them '
+            'here') in ' '.join(said.split())
 
 
 @pytest.mark.parametrize('to', [*PROGRAMS, 'table', 'model'])

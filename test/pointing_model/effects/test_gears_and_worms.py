@@ -113,8 +113,8 @@ def test_what_is_said_of_a_period_that_was_searched():
     evidence = {'axis': 'az', 'of': 'reading', 'orders': [1], 'whole': True, 'tape': None,
                 'searched': 180.02, 'strain_wave': [], 'aliases': [252.0, 540.0]}
     text = wording(Finding('period', 180.0, 0.04, evidence=evidence))
-    assert text.startswith('period searched from 10 to 1000 a turn: 180.02 ± 0.04, so 180')
-    assert 'As well fit 252 and 540: the rows stand at nearly even steps' in text
+    assert text.startswith('period searched from 10 to 1000 per turn: 180.02 ± 0.04, so 180')
+    assert 'Equally good: 252 and 540: the rows are nearly evenly spaced' in text
     text = wording(Finding('period', 12034.5, 0.04, evidence={
         **evidence, 'tape': 12000, 'searched': 12034.5, 'aliases': []}))
     assert 'within 1 % of 12000 a turn: 12034.5' in text

@@ -69,7 +69,7 @@ def test_a_german_mount_is_read_on_both_sides(german, tmp_path):
     run = load_run(path, weather=Weather(0.0))
     assert run.mount.two_sided and len(run) == 40
     # no frame is declared: the rows tell it
-    assert any('ICRS it is' in note for note in run.meta['notes'])
+    assert any('ICRS is used' in note for note in run.meta['notes'])
     fitted = fit_terms(run).model.terms
     for name, value in terms_of(run.mount).items():
         assert fitted[name] == pytest.approx(value, abs=0.02 * ARCSEC), name

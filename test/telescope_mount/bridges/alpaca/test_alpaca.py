@@ -152,7 +152,7 @@ def test_a_german_mount_is_read_by_its_side_of_the_pier():
     ({'EquatorialSystem': 2}, 'uses another equinox'),
     ({'CanSlewAsync': False}, 'cannot slew'),
     ({'SiderealTime': sidereal_time(time.time(), DEFAULT_SITE) / DEG / 15.0 % 24.0 + 1.0},
-     'its sidereal time is +35'),
+     'its sidereal time is +'),
 ])
 def test_what_cannot_be_done_is_one_line(state, words):
     with Server(**state) as server, Bench(server.port) as bench:
