@@ -244,7 +244,7 @@ def test_false_images_are_named_by_file(folder):
     (folder / 'img_99.fits').write_bytes((folder / 'img_20.fits').read_bytes())
     told = reasons(load_run(folder / 'mount.yaml'))
     assert sorted(told) == [10, 15, 25]
-    assert told[10].startswith('img_09.fits: a copy of the solution of row 4')
+    assert told[10].startswith('img_09.fits: solution copied from row 4')
     assert 'img_14.fits: image scale' in told[15] and 'a second solution' in told[25]
 
 
