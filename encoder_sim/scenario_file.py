@@ -247,7 +247,7 @@ def scenario_files(name_or_path='default'):
 
 
 def undeclared(text):
-    """Effects of a scenario that nobody was told about.
+    """Undeclared effects of a scenario.
 
     Parameters
     ----------

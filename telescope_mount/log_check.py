@@ -20,7 +20,11 @@ from collections import deque
 from functools import partial
 from pathlib import Path
 
-from calibration.analysis.encoders.cross_check import axis_homings
+from calibration.analysis.encoders.cross_check import (
+    axis_homings,
+    diagnostic_homings,
+    encoder_diagnostics,
+)
 from calibration.analysis.harmonic_fit import choice_of_report
 from calibration.estimation.false_alarms import ALPHA
 from calibration.night_series import state_of
@@ -123,7 +127,8 @@ class _LoggedRows:
         self.tables = {}  # stamp -> PointingRun
         self.published = {name: [] for name in ('zero', 'model', 'calibration/report', 'diagnosis',
                                                 'apart')}
-        self.homings = []  # (log time, callable that returns the homings of a run)
+        #: (log time, callable that returns the homings of a run); of old logs from diagnostics
+        self.homings, self.diagnosed = [], []
         self.homings_at = {}  # stamp -> such a callable
 
 
@@ -133,7 +138,7 @@ def _read(log, prefix, check):
     names = (*rows.published, *RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
              'incremental/homing', 'observer/checks')
     clocks = {}
-    for message in log.messages([prefix + name for name in names]):
+    for message in log.messages([*(prefix + name for name in names), '/diagnostics']):
         name = message.topic.removeprefix(prefix)
         if name in RAW:
             pairing.reading(RAW[name], message)
@@ -157,10 +162,13 @@ def _read(log, prefix, check):
             found = _document(data.data).get('clocks')
             if found:
                 clocks[str(found['exposures'])] = found
-        else:
+        elif name == 'incremental/homing':
             homings = partial(axis_homings, cloud_to_homing(data))
             rows.homings.append((message.log_time, homings))
             rows.homings_at[from_stamp(data.header.stamp)] = homings
+        else:
+            rows.diagnosed += [(message.log_time, partial(diagnostic_homings, values))
+                               for values in encoder_diagnostics(data, prefix)]
     pairing.finish(rows.observations)
     for found in clocks.values():
         check.compare('clocks', json.dumps([found['found'], found['absolute']]), json.dumps(
@@ -316,7 +324,7 @@ class _Replay:
         """Candidate homing states of the encoders: at `stamp`, if the report has it; else those
         around `log_time`, the closest first, then none.
         """
-        states = self._rows.homings
+        states = self._rows.homings or self._rows.diagnosed
         newest = sum(when <= log_time for when, _ in states) - 1
         near = sorted(range(len(states)), key=lambda i: (abs(i - newest), i))
         known = self._rows.homings_at.get(stamp)

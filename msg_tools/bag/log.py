@@ -136,22 +136,33 @@ class Reader:
         """
         wanted = None if topics is None else {topics} if isinstance(topics, str) else set(topics)
         room = MIN_EXPANDED + EXPANSION * sum(file.stat().st_size for file in self.files)
-        for message, schema in self._stored(wanted, start or 0, 2**64 if end is None else end):
-            if message.data[:4] == PACKED:
-                message = message._replace(data=self._unpacked(message, room))
-                room -= len(message.data or b'')
-            if decode and message.data is not None:
-                message = message._replace(data=self._decoders.decode(message.topic, *(
-                    schema or self.schema_of(message.topic, message.type)), message.data))
-            if message.data is not None:
-                yield message
+        for (topic, type_name, schema), (log_time, publish_time, data, sequence) in self._stored(
+                wanted, start or 0, 2**64 if end is None else end):
+            if data[:4] == PACKED:
+                data = self._unpacked(topic, data, room)
+                room -= len(data or b'')
+            if decode and data is not None:
+                data = self._decoders.decode(
+                    topic, *(schema or self.schema_of(topic, type_name)), data)
+            if data is not None:
+                yield BagMessage(topic, type_name, data, log_time, publish_time, sequence)
 
-    def _unpacked(self, message, most):
+    def _stored(self, wanted, low, high):
+        """Stored messages of the topics `wanted` (None: all) with log times in [low, high).
+
+        Yields
+        ------
+        topic, type name, and schema and encoding (None: by `schema_of`)
+        log time, publish time, data, sequence
+        """
+        raise NotImplementedError
+
+    def _unpacked(self, topic, data, most):
         with suppress(ValueError, zstandard.ZstdError):
-            size = zstandard.frame_content_size(message.data)
+            size = zstandard.frame_content_size(data)
             if 0 <= size <= most:
-                return decompress(message.data, 'zstd', size)
-        self._skipped[f'{message.topic}: a message that cannot be unpacked left out'] += 1
+                return decompress(data, 'zstd', size)
+        self._skipped[f'{topic}: a message that cannot be unpacked left out'] += 1
         return None
 
     def _check_times(self):

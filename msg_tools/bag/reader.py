@@ -32,7 +32,7 @@ from mcap.opcode import Opcode
 from .chunks import NEVER
 from .compression import MAX_CHUNK
 from .file import MIN_RECORDS, attachment_data, logs_in
-from .log import BagMessage, LogTopic, Reader
+from .log import LogTopic, Reader
 from .mcap_records import PARSE_ERRORS, short, walk
 from .metadata import Listed
 
@@ -191,22 +191,20 @@ class BagReader(Reader):
         return list(merged.values())
 
     def _stored(self, wanted, low, high):
-        """(BagMessage, schema and encoding) of these topics and times, not decoded."""
+        """See `Reader._stored`."""
         chosen = {
             id(file): {
-                number: (channel.topic, file.schemas.get(channel.schema_id),
-                         channel.message_encoding)
+                number: (channel.topic, schema.name if schema else '',
+                         (schema, channel.message_encoding))
                 for number, channel in file.channels.items()
-                if wanted is None or channel.topic in wanted}
+                if wanted is None or channel.topic in wanted
+                for schema in [file.schemas.get(channel.schema_id)]}
             for file in self._files}
         segments = sorted(
             s for file in self._files for s in file.segments
             if s.end >= low and s.start < high
             and (not s.channels or not s.channels.isdisjoint(chosen[id(file)])))
-        for target, row in self._ordered(segments, chosen, low, high):
-            (topic, *schema), (log_time, publish_time, data, sequence) = target, row
-            yield BagMessage(topic, schema[0].name if schema[0] else '', data, log_time,
-                             publish_time, sequence), schema
+        return self._ordered(segments, chosen, low, high)
 
     def last_before(self, topics, end):
         """The newest message of each of `topics` with a log time before `end`, in order.

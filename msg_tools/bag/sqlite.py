@@ -22,7 +22,7 @@ from pathlib import Path
 
 from mcap.records import Schema
 
-from .log import BagMessage, LogTopic, Reader
+from .log import LogTopic, Reader
 from .mcap_records import short
 from .metadata import NOTHING, Listed
 from .reader import BagReader
@@ -166,11 +166,11 @@ class SqliteReader(Reader):
         return self._described[type_name]
 
     def _stored(self, wanted, low, high):
-        """(BagMessage, None) of these topics and times, not decoded."""
+        """See `Reader._stored`."""
         for when, _, _, row, data in heapq.merge(
                 *(self._rows_of(n, file, wanted, low, min(high, 2**63 - 1))
                   for n, file in enumerate(self.files)), key=lambda row: row[:3]):
-            yield BagMessage(*row[:2], data, when, when), None
+            yield (*row[:2], None), (when, when, data, 0)
 
     def last_before(self, topics, end):
         """The newest message of each of `topics` with a time before `end`, in order."""

@@ -322,9 +322,11 @@ def _camera(out, stream, simulated):
     for frame in sorted(filter(is_y_up, stream.frames)):
         out.note(f'frame_id {frame!r}: y is taken as up, as of older drivers; y down has '
                  f'{convert.OPTICAL_FRAME}')
-    age, apart = float(np.median(stream.ages)), float(np.median(np.diff(stream.stamps or [0, 0])))
-    if age > PIPELINE * apart > 0.0 or age < FASTEST_IMAGE < 0.05 * apart and not simulated:
-        out.note(f'stamps are {age:.3g} s before they arrive, exposures {apart:.3g} s apart: is '
+    age = float(np.median(stream.ages))
+    interval = float(np.median(np.diff(stream.stamps or [0, 0])))
+    at_once = age < FASTEST_IMAGE < 0.05 * interval and not simulated
+    if age > PIPELINE * interval > 0.0 or at_once:
+        out.note(f'stamps are {age:.3g} s before they arrive, exposures {interval:.3g} s apart: is '
                  'each stamp the middle of its exposure? The step clocks measures it')
     values = np.array(stream.values, float).reshape(-1, 2)
     stars = values[np.isfinite(values).all(axis=1)]

@@ -34,7 +34,7 @@ from .guard_request import GuardClient
 from .nudge import bright_star, check_nudge, fixed_place, place_of, went_elsewhere
 from .samples import OK, WRONG, DriverSamples, Endpoint, Remark, Rest, Stream
 
-HEARD = topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE
+DRIVER_TOPICS = topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE
 #: nudge: seconds of a move, most seconds to come to rest, and seconds of the exposures at rest
 RAMP, SETTLE, LOOK = 3.0, 20.0, 6.0
 #: most s of a slew to a star
@@ -65,7 +65,7 @@ class Listener:
             '--ros-args', '--params-file', str(params)] if params else None)
         self._node = self._graph.node
         self._asking, self._guard = None, dict(guard or {})
-        for topic in HEARD:
+        for topic in DRIVER_TOPICS:
             take = self._on_miss if topic is topics.MISS_DISTANCE else self._on_joints
             self._node.create_subscription(
                 topic.message, topic.name,
@@ -80,7 +80,7 @@ class Listener:
         self._forget()
 
     def _forget(self):
-        self._streams = {topic.name: Stream(topic.name, topic.type) for topic in HEARD}
+        self._streams = {topic.name: Stream(topic.name, topic.type) for topic in DRIVER_TOPICS}
 
     def spin(self, seconds, until=lambda: False):
         """Process messages so long, or until a condition holds; return whether it does."""
@@ -123,7 +123,7 @@ class Listener:
     def samples(self, seconds):
         """A `DriverSamples` of what has been received so far."""
         node = self._node
-        for topic in HEARD:
+        for topic in DRIVER_TOPICS:
             self._streams[topic.name].endpoints = [_endpoint(info) for info in
                 node.get_publishers_info_by_topic(node.resolve_topic_name(topic.name))]
         tails = tuple('/' + name.rsplit('/', 1)[-1] for name in self._streams)

@@ -21,6 +21,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
@@ -187,17 +188,36 @@ def test_what_the_encoder_said_of_its_marks_decides(night, tmp_path):
     assert line.startswith('report of') and 'witnesses.alarms' in line
 
 
-def test_a_log_without_numbers_of_the_marks(night, tmp_path):
-    """A driver may tell nothing of them."""
+def test_logs_without_numbers_of_the_marks(night, tmp_path):
+    """Old ones have the encoder's diagnostics; a driver may tell nothing at all."""
+    def same(topic, data):
+        return data
+    told = ['/mount/incremental/homing', '/diagnostics']
+    old = rewrite(night / 'bag', tmp_path / 'old', same, leave_out=told[:1])
+    assert verify_log(old)['differences'] == []
+
     def unjudged(topic, data):
         if topic == '/mount/calibration/report':
             report = json.loads(deserialize_message(data, String).data)
             report['witnesses']['notes'].insert(0, MARKS_UNKNOWN)
             data = serialize_message(String(data=json.dumps(report)))
         return data
-    mute = rewrite(night / 'bag', tmp_path / 'mute', unjudged, leave_out=[
-        '/mount/incremental/homing'])
+    mute = rewrite(night / 'bag', tmp_path / 'mute', unjudged, leave_out=told)
     assert verify_log(mute)['differences'] == []
+
+    def above(topic, data):
+        if topic == '/diagnostics':
+            message = deserialize_message(data, DiagnosticArray)
+            for row in (row for status in message.status for row in status.values):
+                row.value = 'above' if row.key == 'azimuth mark met from' else row.value
+            data = serialize_message(message)
+        return data
+    old = rewrite(night / 'bag', tmp_path / 'old_above', above, leave_out=told[:1])
+    (line,) = verify_log(old)['differences']
+    assert line.startswith('report of') and 'witnesses.alarms' in line
+    # where there are numbers, the rows for people do not count
+    new = rewrite(night / 'bag', tmp_path / 'new_above', above)
+    assert verify_log(new)['differences'] == []
 
 
 def test_provenance_decides(night, tmp_path):

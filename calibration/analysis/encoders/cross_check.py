@@ -95,6 +95,49 @@ def axis_homings(axes, run):
             for axis, one in axes.items()]
 
 
+def encoder_diagnostics(message, within='/'):
+    """Rows of the statuses in a DiagnosticArray that speak of marks, as a list of dict.
+
+    For `diagnostic_homings`. Nodes of another namespace than `within` are of another mount.
+    """
+    statuses = [{row.key: row.value for row in status.values} for status in message.status
+                if status.name.startswith(within)]
+    return [values for values in statuses if f'{AXES[0]} homed' in values]
+
+
+def diagnostic_homings(values, run):
+    """`Homing` of both axes from the diagnostics of the encoder's node.
+
+    Logs before `incremental/homing` have nothing else. The rows are for people; nobody may read
+    them but for such logs.
+
+    Parameters
+    ----------
+    values : dict of str to str
+        Key and value of the status' rows.
+    run : int
+        Number of the power-on in the observations.
+
+    Returns
+    -------
+    list of Homing
+        Of the axes that the diagnostics speak of.
+    """
+    def number(key):
+        try:
+            return float(values.get(key, 'nan'))
+        except ValueError:
+            return np.nan
+    count = number('resolution [arcsec]') * ARCSEC
+    return [
+        Homing(run, axis, values[f'{axis} homed'] == 'True',
+               values.get(f'{axis} mark met from', ''),
+               int(np.nan_to_num(number(f'{axis} missed marks'))),
+               number(f'{axis} mark error [counts]'), count,
+               number(f'{axis} mark width [arcsec]') * ARCSEC)
+        for axis in AXES if f'{axis} homed' in values]
+
+
 @dataclass
 class CrossCheckReport:
     """Result of the cross-check.

@@ -231,7 +231,7 @@ def fit_without_faults(tracks, **options):
         if '' in likely:
             break
         orbits = tuple(name for name in likely if name in kept.satellites)
-        alone = orbits == likely[:1] == likely and len(kept.satellites) > 1
+        alone = len(orbits) == len(likely) == 1 and len(kept.satellites) > 1
         # fit each alone: together they may be degenerate
         found = {name: fit_tracks(kept, wrong=(name,), **options)[f'common {name}']
                  for name in likely if name not in orbits}

@@ -19,6 +19,7 @@ from encoder_night import cross_check, mount, night
 from calibration.analysis.encoders.cross_check import (
     Homing,
     axis_homings,
+    diagnostic_homings,
 )
 from calibration.analysis.encoders.cross_check_rows import Budget
 from calibration.report.encoder_wording import MARKS_UNKNOWN
@@ -265,10 +266,26 @@ def test_what_an_encoder_says_that_should_say_something():
     assert MARKS_UNKNOWN not in cross_check(night(2)).notes
 
 
+def test_numbers_and_old_logs_say_the_same():
+    axes = {'azimuth': AxisHoming(True, 'above', 2, 1, np.nan, 0.0686 * ARCSEC, 3 * ARCSEC, 4),
+            'elevation': AxisHoming(False, '', 3, 0, np.nan, 0.0686 * ARCSEC, 3 * ARCSEC, 4)}
+    rows = {'resolution [arcsec]': '0.0686'}
+    for axis, one in axes.items():
+        rows |= {f'{axis} homed': str(one.homed), f'{axis} mark met from': one.side,
+                 f'{axis} missed marks': str(one.missed_marks),
+                 f'{axis} mark error [counts]': f'{one.mark_error:.0f}',
+                 f'{axis} mark width [arcsec]': '3.00'}
+    for new, old in zip(axis_homings(axes, 7), diagnostic_homings(rows, 7), strict=True):
+        assert new[:5] == old[:5]
+        np.testing.assert_allclose(new[5:], old[5:], rtol=1e-12)
+
+
 def test_what_the_encoder_says_of_itself():
-    azimuth, elevation = axis_homings({
-        'azimuth': AxisHoming(True, 'above', 2, 1, np.nan, 0.0686 * ARCSEC, 3 * ARCSEC, 4),
-        'elevation': AxisHoming(False, '', 3, 0, np.nan, 0.0686 * ARCSEC, 3 * ARCSEC, 4)}, 7)
+    rows = {'resolution [arcsec]': '0.0686', 'azimuth homed': 'True',
+            'azimuth mark met from': 'above', 'azimuth missed marks': '2',
+            'azimuth mark error [counts]': 'nan', 'azimuth mark width [arcsec]': '3.00',
+            'elevation homed': 'False', 'elevation missed marks': '3'}
+    azimuth, elevation = diagnostic_homings(rows, 7)
     assert (azimuth.side, azimuth.homed, elevation.homed) == ('above', True, False)
     lines = cross_check(night(2), homings=[azimuth, elevation]).alarms
     assert lines[0].startswith('azimuth: incremental encoder, power-on 7: homed from above, not '
