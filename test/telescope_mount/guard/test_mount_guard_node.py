@@ -100,6 +100,7 @@ def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph
     mount.reads = True
     mount.until('following')
     mount.ask(24.0, 2.0)
+    mount.owned('/mount/star_observer', mount.request)
     assert 'below the horizon of 10.0 deg' in mount.until('stopped', 'refused').message
     # a replay, or a hand at the terminal, moves the mount past the guard
     graph.publisher(topics.COMMAND)
