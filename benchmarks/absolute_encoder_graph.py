@@ -174,10 +174,10 @@ def _percentiles(latency_ns):
 
 def run(rate, seconds, core, scenario, realtime, frames):
     """Measure; returns the figures as a dict."""
-    from telescope_mount import domain
     from telescope_mount.dds import dds_environment
     from telescope_mount.graph import NODES, NodeSpec, every_frame
-    from telescope_mount.processes import Processes
+    from telescope_mount.processes import domain
+    from telescope_mount.processes.node_processes import Processes
     with tempfile.TemporaryDirectory() as folder:
         lock = domain.claim()
         os.environ.update(dds_environment(lock.number), ROS_LOG_DIR=folder)

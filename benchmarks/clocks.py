@@ -32,9 +32,9 @@ import numpy as np
 import yaml
 
 from msg_tools import topics
-from telescope_mount import whole_night as night
 from telescope_mount.graph import night_graph
-from telescope_mount.log_check import verify_log
+from telescope_mount.log_check.log_check import verify_log
+from telescope_mount.nights import whole_night as night
 
 PLAN = 'home, stars 4, clocks 24, fit'
 SMALL = (0.0, 0.05, 0.2)

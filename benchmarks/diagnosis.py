@@ -58,7 +58,7 @@ from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.analysis.diagnosis.exact_models import exact_fit, exact_model
 from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.run_problem import RunProblem
-from calibration.estimation.candidates import CandidateGroup
+from calibration.estimation.candidate_scores import CandidateGroup
 from calibration.estimation.false_alarms import ALPHA
 from calibration.estimation.group_columns import orthonormal
 from msg_tools.units import ARCSEC
@@ -373,7 +373,7 @@ def stream(table, args, rng):
             parts = [_chunk(i, min(20000, total - i)) for i in range(0, total, 20000)]
             write_csv(PointingRun.concatenate(parts), f'{folder}/run.csv')
             del parts
-            read = _used('from telescope_mount.run_loader import load_run',
+            read = _used('from telescope_mount.input_files.run_loader import load_run',
                          f'load_run({folder + "/run.csv"!r})')
             whole = _used('from telescope_mount.cli import main', f"main(['diagnose', "
                           f"'{folder}/run.csv', '--json', '{folder}/found.json'])")

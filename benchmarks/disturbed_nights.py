@@ -32,9 +32,9 @@ from pathlib import Path
 
 from scipy.stats import beta
 
-from telescope_mount.loop import close_the_loop
+from telescope_mount.closed_loop.closed_loop import close_the_loop
+from telescope_mount.nights.whole_night import NightFailed
 from telescope_mount.simulation import scenario_names
-from telescope_mount.whole_night import NightFailed
 
 WRONG, FAILED = ('wrong', 'harmful'), 'failed'
 

@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 from guard_stops import EXAMPLES, PORT, Telescope, start, wait
 
-from telescope_mount import domain
+from telescope_mount.processes import domain
 
 DRIVERS = ('mount_driver', 'encoder_driver', 'camera_driver')
 WAYS = ('SIGINT', 'SIGTERM', 'SIGKILL', 'abort', 'park')

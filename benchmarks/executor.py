@@ -380,8 +380,8 @@ def main():
     if args.child:
         _be_child(*args.child)
         return
-    from telescope_mount import domain
     from telescope_mount.dds import dds_environment
+    from telescope_mount.processes import domain
     lock = domain.claim()
     os.environ.update(dds_environment(lock.number))
     everything = not (args.messages or args.starts or args.behaviour or args.nights)

@@ -47,11 +47,11 @@ from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.calibration_messages import ZeroPairs
-from telescope_mount import domain
 from telescope_mount.graph import NIGHT, night_graph
 from telescope_mount.observing.plan import parse_plan
-from telescope_mount.processes import Processes
-from telescope_mount.watcher import Watcher
+from telescope_mount.processes import domain
+from telescope_mount.processes.node_processes import Processes
+from telescope_mount.running_graph.watcher import Watcher
 
 PLAN = ('home, stars 12, polaris 5, calibrate_zero, power_cycle, home, polaris 5, calibrate_zero, '
         'stars 12, fit, check 6')

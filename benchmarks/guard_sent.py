@@ -33,8 +33,8 @@ from guard import KINDS, places, setting, track_of
 from guard_drives import Many, hermite
 
 from msg_tools.units import DEG
+from telescope_mount.guard.reasons_to_stop import GuardSettings
 from telescope_mount.guard.supervisor import Supervisor
-from telescope_mount.guard.watchdog import GuardSettings
 from telescope_mount.observing.axis_demand import Track
 
 TICK, SECONDS = 0.05, 240.0

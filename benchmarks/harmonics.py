@@ -126,7 +126,7 @@ def through_player(file, reading, domain):
 
 def within_sigma(folder, runs):
     """Print the fraction of coefficients within one sigma; return whether it meets the target."""
-    from telescope_mount import domain
+    from telescope_mount.processes import domain
     lock, good = domain.claim(), True
     try:
         for reading in INTERPRETATIONS:
@@ -156,9 +156,9 @@ def to_the_bit(folder):
     """A run for each reading through processes and a log; whether replay and verify agree."""
     from msg_tools import topics
     from telescope_mount.graph import measured_graph
-    from telescope_mount.log_check import verify_log
-    from telescope_mount.log_replay import replay_log
-    from telescope_mount.whole_night import observe
+    from telescope_mount.log_check.log_check import verify_log
+    from telescope_mount.log_check.log_replay import replay_log
+    from telescope_mount.nights.whole_night import observe
     good = True
     for reading in INTERPRETATIONS:
         file, _ = write(folder, reading, 0)
@@ -180,9 +180,9 @@ def to_the_bit(folder):
 def nights(folder, reading):
     """The eleven nights with only harmonics active: means after calibration by night."""
     from telescope_mount.graph import night_graph
+    from telescope_mount.nights.whole_night import observe
     from telescope_mount.papers.experiment import DRIFTS, REFERENCE_AGE, START, experiment_plan
     from telescope_mount.papers.table_1 import PAPER_TABLE_1, statistics
-    from telescope_mount.whole_night import observe
     plan = experiment_plan(30, 16, 4)
     out = folder / f'nights_{reading}'
     out.mkdir()

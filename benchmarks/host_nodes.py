@@ -25,8 +25,8 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from telescope_mount import domain
 from telescope_mount.graph import NodeSpec
+from telescope_mount.processes import domain
 
 
 def _say(*words):
@@ -34,8 +34,8 @@ def _say(*words):
 
 
 def _observe(folder, specs, asked):
-    from telescope_mount.night_files import write_results
-    from telescope_mount.whole_night import NightFailed, observe
+    from telescope_mount.nights.night_files import write_results
+    from telescope_mount.nights.whole_night import NightFailed, observe
     try:
         written = observe(
             folder, specs, asked['plan'], partial(write_results, folder),
@@ -56,7 +56,7 @@ def main():
     if asked.get('plan'):
         _observe(folder, specs, asked)
         return
-    from telescope_mount.processes import Processes
+    from telescope_mount.processes.node_processes import Processes
     nodes = Processes(folder / 'nodes', asked['domain'])
     for spec in specs:
         nodes.start(spec)

@@ -43,7 +43,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.site import DEFAULT_SITE
 from telescope_mount.bridges.indi.client import IndiClient
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope
-from telescope_mount.server_night import SIMULATED, server_graph
+from telescope_mount.nights.server_night import SIMULATED, server_graph
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'examples' / 'simulated_servers'))
 from indi_server import DEVICE, SimulatorServer, missing

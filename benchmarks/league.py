@@ -68,7 +68,7 @@ from calibration.estimation.shrinkage import Beyond, chosen
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.refraction import Weather
 from pointing_model.sky.site import Site
-from telescope_mount.run_loader import load_run
+from telescope_mount.input_files.run_loader import load_run
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDS, SEEDS = 10, (0, 1)

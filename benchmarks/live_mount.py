@@ -34,9 +34,9 @@ from pointing_model.sky.places import observed_place
 from pointing_model.sky.refraction import DEFAULT_WEATHER
 from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.star_catalogue import load_catalogue
-from telescope_mount import domain
-from telescope_mount.processes import Processes
-from telescope_mount.watcher import Watcher
+from telescope_mount.processes import domain
+from telescope_mount.processes.node_processes import Processes
+from telescope_mount.running_graph.watcher import Watcher
 
 #: s between readings, and between exposures
 READINGS, IMAGES = 0.05, 0.25

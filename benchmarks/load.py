@@ -162,10 +162,10 @@ def start_up():
     begun = float(os.environ['LOAD_BEGUN'])
     from msg_tools import NAMESPACE
     from msg_tools.readiness import unmatched
-    from telescope_mount import domain
     from telescope_mount.graph import night_graph
-    from telescope_mount.processes import Processes
-    from telescope_mount.watcher import Watcher
+    from telescope_mount.processes import domain
+    from telescope_mount.processes.node_processes import Processes
+    from telescope_mount.running_graph.watcher import Watcher
     lock = domain.claim()
     with tempfile.TemporaryDirectory() as folder:
         nodes = Processes(Path(folder, 'nodes'), lock.number)  # its imports go on beside ours
@@ -200,10 +200,10 @@ def at_rate(rate, seconds):
     from msg_tools import NAMESPACE, convert, topics
     from msg_tools.node import Counter
     from msg_tools.readiness import unmatched
-    from telescope_mount import domain
     from telescope_mount.graph import real_graph
-    from telescope_mount.processes import Processes
-    from telescope_mount.watcher import Watcher
+    from telescope_mount.processes import domain
+    from telescope_mount.processes.node_processes import Processes
+    from telescope_mount.running_graph.watcher import Watcher
     lock, encoders = domain.claim(), (topics.INCREMENTAL, topics.ABSOLUTE)
     readings, counters, lost, drivers = [], [], {}, {}
     with tempfile.TemporaryDirectory() as folder:
@@ -289,10 +289,10 @@ def at_rate(rate, seconds):
 
 def recorded(seconds, rate, sources):
     """Messages of a flood that the logger has, and resources of the logger and its sources."""
-    from telescope_mount import domain
     from telescope_mount.commands.info import log_info
     from telescope_mount.graph import NODES, NodeSpec
-    from telescope_mount.processes import Processes
+    from telescope_mount.processes import domain
+    from telescope_mount.processes.node_processes import Processes
     lock, count = domain.claim(), 4 // sources
     with tempfile.TemporaryDirectory() as folder:
         nodes = Processes(Path(folder, 'nodes'), lock.number)

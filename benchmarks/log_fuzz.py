@@ -67,8 +67,8 @@ def _light(path, scratch):
 
 
 def _full(path, scratch):
+    from msg_tools.bag.log_copy import recover_log
     from telescope_mount.commands.info import log_info
-    from telescope_mount.commands.recover import recover_log
     yield from _light(path, scratch)
 
     def look():

@@ -115,7 +115,7 @@ def open_large(megabytes, folder):
 
 def recompute(bag):
     """A night from its log."""
-    from telescope_mount.log_check import verify_log
+    from telescope_mount.log_check.log_check import verify_log
     reader = BagReader(bag)
     span = (reader.end_time - reader.start_time) * 1e-9
     begun = time.process_time()
@@ -170,8 +170,8 @@ def publish(kind, seconds, rate):
 
 def record(kind, seconds, rate):
     """Logger and publisher as processes; CPU time of the logger, and the recorded messages."""
-    from telescope_mount import domain
     from telescope_mount.dds import dds_environment
+    from telescope_mount.processes import domain
     lock = domain.claim()
     with tempfile.TemporaryDirectory() as name:
         environment = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',

@@ -35,7 +35,7 @@ from pathlib import Path
 import numpy as np
 
 from telescope_mount.graph import night_graph
-from telescope_mount.whole_night import observe, prepare_folder
+from telescope_mount.nights.whole_night import observe, prepare_folder
 
 STARS, POLARIS = 4, 4
 ROWS = 2 * STARS + POLARIS  # of a night

@@ -33,9 +33,9 @@ from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.report.wording import paragraph
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.run import PointingRun
+from telescope_mount.input_files.run_loader import load_run, load_runs
 from telescope_mount.papers.encoder_test import TABLE_2_MEASURED, TABLE_2_STANDARD
 from telescope_mount.papers.table_1 import PAPER_TABLE_1
-from telescope_mount.run_loader import load_run, load_runs
 
 ROOT = Path(__file__).resolve().parent.parent
 MMT = ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv'

@@ -46,7 +46,7 @@ from pointing_model.mounts import ALTAZ, Mount, through_pole
 from pointing_model.sky.places import observed_to_icrs
 from pointing_model.sky.refraction import Weather
 from pointing_model.sky.site import Site
-from telescope_mount.run_loader import load_run
+from telescope_mount.input_files.run_loader import load_run
 
 SIGMAS = 5.0
 #: kind of mount, a column of the side of the pier, share of the rows through the pole (of a German

@@ -26,7 +26,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run_reader import read_run
-from telescope_mount.whole_night import run_night
+from telescope_mount.nights.whole_night import run_night
 
 
 def burn():

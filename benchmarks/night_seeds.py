@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from telescope_mount.whole_night import run_night
+from telescope_mount.nights.whole_night import run_night
 
 
 def one_night(seed, stars):

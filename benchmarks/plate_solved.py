@@ -236,7 +236,7 @@ def _say(what, figure, target='', count=''):
 
 
 def _terms(folder, nights):
-    from telescope_mount.run_loader import load_run
+    from telescope_mount.input_files.run_loader import load_run
     worst, ratio = 0.0, 0.0
     for seed in range(nights):
         for noise in (1e-6, 1.0):
@@ -255,7 +255,7 @@ def _terms(folder, nights):
 
 
 def _named(folder, nights):
-    from telescope_mount.run_loader import load_run
+    from telescope_mount.input_files.run_loader import load_run
     found, made, wrong, sound = dict.fromkeys(KINDS, 0), dict.fromkeys(KINDS, 0), 0, 0
     for seed in range(nights):
         night = any_night(seed)
@@ -276,7 +276,7 @@ def _named(folder, nights):
 
 
 def _frames(folder, nights):
-    from telescope_mount.run_loader import load_run
+    from telescope_mount.input_files.run_loader import load_run
     for hours in (0.25, 1.0, 4.0):
         refused, named, lost = 0, 0, 0
         for seed in range(nights):
@@ -303,8 +303,8 @@ def _frames(folder, nights):
 def _solver(folder, images):
     from pointing_model.runs.plate_solves.mapping import load_mapping
     from pointing_model.runs.plate_solves.solvers import NoSolver, find_solver
-    from telescope_mount.plate_solver.folder import solve_folder
-    from telescope_mount.run_loader import load_run
+    from telescope_mount.input_files.image_folder import solve_folder
+    from telescope_mount.input_files.run_loader import load_run
     try:
         solver = find_solver('solve-field', 60.0, (50.0, 70.0))
     except NoSolver as error:

@@ -32,7 +32,7 @@ from collections import Counter
 from pathlib import Path
 
 from msg_tools.bag import BagReader, BagWriter
-from telescope_mount.commands.recover import recover_log
+from msg_tools.bag.log_copy import recover_log
 
 TEXT = 'std_msgs/msg/String'
 START = 1_768_482_000_000_000_000

@@ -29,8 +29,8 @@ import time
 
 import numpy as np
 
-from telescope_mount import domain
 from telescope_mount.dds import dds_environment
+from telescope_mount.processes import domain
 
 COMMAND = [sys.executable, '-m', 'msg_tools.node_process', 'pointing_model.pointing_corrector_node']
 #: s in which a second one must have ended, else it is counted as mixed with the first

@@ -36,8 +36,8 @@ from msg_tools import convert, topics
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run_messages import run_to_cloud
-from telescope_mount.log_check import _read
-from telescope_mount.log_comparison import LogComparison
+from telescope_mount.log_check.log_check import _read
+from telescope_mount.log_check.log_comparison import LogComparison
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'pointing_model' / 'observing'))
 

@@ -54,13 +54,13 @@ import yaml
 
 from telescope_mount import ONE_THREAD
 from telescope_mount.dds import dds_environment
-from telescope_mount.domain import claim
 from telescope_mount.graph import night_graph
+from telescope_mount.processes.domain import claim
 
 PLAN = ('--stars', '8', '--polaris', '4')
 TOKEN = 'TELESCOPE_MOUNT_STOPS'
 SHM = Path('/dev/shm')
-#: ports that belong to no domain stay to be used again, see `telescope_mount.shared_memory`
+#: ports that belong to no domain stay to be used again: `telescope_mount.processes.shared_memory`
 PORT = re.compile(r'(sem\.)?fast(rtps|dds)_port(\d+)')
 #: a line of a traceback that is in a module of the package
 OURS = re.compile(r'File "[^"]*/(telescope_mount|msg_tools|pointing_model)/\w+\.py"')

@@ -37,7 +37,8 @@ from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.zero.power_on_zeros import zero_from_exposures
 from calibration.report.wording import wording
 from encoder_sim import keyed_noise
-from encoder_sim.encoder_scale import ZeroDrift, disc_angle
+from encoder_sim.encoder_scale import ZeroDrift
+from encoder_sim.graduated_disc import disc_angle
 from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount import HOME_ATTEMPTS, SimulatedMount
 from encoder_sim.mount_geometry import MountGeometry, azimuth_elevation

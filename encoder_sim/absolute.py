@@ -24,8 +24,9 @@ from encoder_reading.disc import RECURRENCES
 from encoder_reading.frame_readings import FrameReadings
 
 from .ccd import LinearCCD
-from .encoder_scale import EncoderScale, ZeroDrift, disc_angle, stamp_delays, tilted_angle
+from .encoder_scale import EncoderScale, ZeroDrift, stamp_delays
 from .field_kinds import choice, drawn, number
+from .graduated_disc import disc_angle, tilted_angle
 
 
 @dataclass(frozen=True)

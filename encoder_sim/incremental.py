@@ -25,15 +25,9 @@ import numpy as np
 from msg_tools.homing import AxisHoming
 
 from . import keyed_noise
-from .encoder_scale import (
-    EncoderScale,
-    SineSignals,
-    ZeroDrift,
-    disc_angle,
-    stamp_delays,
-    tilted_angle,
-)
+from .encoder_scale import EncoderScale, ZeroDrift, stamp_delays
 from .field_kinds import choice, number, sections
+from .graduated_disc import SineSignals, disc_angle, tilted_angle
 from .reference_mark import Passages, ReferenceMark
 
 _TURN = 2.0 * np.pi

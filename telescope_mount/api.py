@@ -52,7 +52,7 @@ from pointing_model.runs.copies import without_copies
 from pointing_model.runs.run import COLUMNS, PointingRun, column_name
 
 from .commands.options import names, place_of
-from .run_loader import load_run
+from .input_files.run_loader import load_run
 
 __all__ = ['Fit', 'Run', 'RunDiagnosis', 'apply', 'diagnose', 'fit', 'read_run']
 

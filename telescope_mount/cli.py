@@ -20,7 +20,7 @@ import sys
 
 try:
     from . import ONE_THREAD
-    from .interrupt import interrupted_in_order
+    from .processes.interrupt import interrupted_in_order
 except KeyboardInterrupt:
     print('ended by Ctrl-C', file=sys.stderr)
     sys.exit(130)

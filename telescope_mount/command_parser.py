@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The parser of the command line, with hints for unknown words."""
+"""The commands and the parser of the command line, with hints for unknown words."""
 
 import argparse
 import os
@@ -24,9 +24,15 @@ from importlib import import_module
 from msg_tools import version_of
 from msg_tools.terminal_signs import spell_out
 
-from .commands import COMMANDS, PAPERS
 from .commands.options import json_given
 
+#: modules of commands/, in the order of the help text
+COMMANDS = ('night', 'observe', 'watch', 'check_drivers', 'guard', 'lifecycle', 'experiment',
+            'close_the_loop', 'solve', 'fit', 'diagnose', 'bolts', 'track', 'passes', 'satellite',
+            'season', 'zeros', 'apply', 'export', 'info', 'recover', 'verify', 'replay',
+            'encoder_test', 'completion')
+#: modules of the commands that reproduce the papers
+PAPERS = {name: f'papers.{name}_command' for name in ('experiment', 'encoder_test')}
 #: renamed options: command and old name -> new name
 RENAMED = {
     ('diagnose', '--driver'): '--cause', ('season', '--driver'): '--cause',

@@ -44,8 +44,8 @@ from pointing_model.sky.site import DEFAULT_SITE
 
 from . import ONE_THREAD
 from .dds import dds_environment
-from .parameter_file import check, sections, values_of
-from .parent import PARENT
+from .input_files.parameter_file import check, sections, values_of
+from .processes.parent import PARENT
 
 #: arguments of every launch file: name, default, text
 SHARED = (
@@ -126,7 +126,7 @@ def started(values, specs, drivers=()):
              for text in check(specs, path, drivers, values['namespace'])]
     given = [word for path in values.files for word in ('--params-file', path)]
     processes = [ExecuteProcess(
-        cmd=[sys.executable, '-m', 'telescope_mount.parent', path, '--ros-args', '-r',
+        cmd=[sys.executable, '-m', 'telescope_mount.processes.parent', path, '--ros-args', '-r',
              f'__ns:={values["namespace"]}', *given],
         name=Path(path).stem, **patient) for path in drivers]
     pictures = _pictures(values, specs) if values.truth('display') else []

@@ -37,7 +37,7 @@ from pointing_model.runs.programs.katpoint import description
 from pointing_model.zero import OF_RUNS, carried_zeros
 
 from .commands.console import print_all, print_files, print_lines
-from .run_loader import load_run
+from .input_files.run_loader import load_run
 
 #: ``--to``: our own format
 MODEL = 'model'
@@ -97,7 +97,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         Side of the pier, for a German mount and a program whose file has none; by default that of
         the fitted rows, if all are on one side.
     **options
-        See `telescope_mount.run_loader.load_run`.
+        See `telescope_mount.input_files.run_loader.load_run`.
 
     Returns
     -------

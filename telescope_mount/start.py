@@ -29,7 +29,7 @@ on_end(lambda *_: os._exit(0))
 import sys  # noqa: E402 (imports from here on may be interrupted)
 
 from . import ONE_THREAD  # noqa: E402
-from .parent import end_with_parent  # noqa: E402
+from .processes.parent import end_with_parent  # noqa: E402
 
 for _name, _value in ONE_THREAD.items():
     os.environ.setdefault(_name, _value)

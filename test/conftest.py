@@ -136,8 +136,8 @@ def ros_domain(tmp_path_factory):
     """A ROS domain that no other process of this machine has, until the session ends."""
     pytest.importorskip(
         'rclpy', reason='rclpy is not installed (./install.sh ros)', exc_type=ImportError)
-    from telescope_mount import domain
     from telescope_mount.dds import dds_environment
+    from telescope_mount.processes import domain
     lock = domain.claim()
     folder = tmp_path_factory.mktemp('ros')
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -386,12 +386,17 @@ def short_diagnosis(monkeypatch):
     periods, no alternatives in models of their own. A quarter of the time, where a test asks what
     becomes of the result; how it is found the tests of calibration/analysis/diagnosis ask.
     """
-    from calibration.analysis.diagnosis import alternatives, diagnosis, discrimination, run_problem
+    from calibration.analysis.diagnosis import (
+        alternatives,
+        diagnosis,
+        discrimination,
+        offered_effects,
+    )
     from calibration.estimation.periodogram import PeriodBank
     monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
     monkeypatch.setattr(alternatives, 'MOST_TRIED', 0)
-    monkeypatch.setattr(run_problem, 'period_bank', lambda context: PeriodBank([]))
-    for module in (discrimination, run_problem):
+    monkeypatch.setattr(offered_effects, 'period_bank', lambda context: PeriodBank([]))
+    for module in (discrimination, offered_effects):
         monkeypatch.setattr(module, 'smooths', lambda context: [])
 
 

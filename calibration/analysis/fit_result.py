@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.estimation.estimate import Linearisation
+from calibration.estimation.row_influence import Linearisation
 from msg_tools.units import ARCSEC
 from pointing_model.model import OPEN, PointingModel
 from pointing_model.mounts import rows_by_side

@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .candidates import best_of
+from .candidate_scores import best_of
 from .choice_likelihood import ChoiceLikelihood
 from .memory_test import SIMULATIONS, MemoryMask, MemoryTest
 from .reduced_squares import times_rows

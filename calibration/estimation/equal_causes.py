@@ -16,7 +16,7 @@
 
 import numpy as np
 
-from .candidates import TIE
+from .candidate_scores import TIE
 from .linear_model import DISTINCT
 
 #: candidates within this BIC of the best cannot be distinguished from it: from 6 on the evidence is

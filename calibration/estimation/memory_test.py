@@ -26,7 +26,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .candidates import largest
+from .candidate_scores import largest
 
 #: correlated noise can imitate a group if it inflates the variance of its score by more than this;
 #: at a factor of 1.2 a p of 0.01 is really 0.02

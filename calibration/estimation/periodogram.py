@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .candidates import CandidateBank, Scores
+from .candidate_scores import CandidateBank, Scores
 from .equal_causes import SET_WIDTH
 from .linear_model import LIVE
 

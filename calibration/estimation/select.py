@@ -30,7 +30,7 @@ from dataclasses import replace
 import numpy as np
 
 from .backward_elimination import eliminate
-from .candidates import CandidateGroup, best_of, largest
+from .candidate_scores import CandidateGroup, best_of, largest
 from .chance import ChanceTest
 from .equal_causes import SET_WIDTH
 from .false_alarms import MEMORY_SHARE

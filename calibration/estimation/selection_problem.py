@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .candidates import CandidateBank, CandidateGroup
+from .candidate_scores import CandidateBank, CandidateGroup
 from .correlated_noise import AxisNoise, Sequence
 from .group_columns import GroupColumns
 from .linear_model import memory_of, weighted_fit, with_memory

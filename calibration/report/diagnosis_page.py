@@ -27,7 +27,7 @@ from .refit_preview import preview
 from .residual_figures import controls, histograms, sky_maps
 from .star_table import stars_table
 from .target_plot import targets
-from .terms_section import correlation_table, run_terms_table, terms_table
+from .terms_section import correlation_table, run_terms_table, terms_page_table
 
 
 def render(view, files=None):
@@ -68,7 +68,7 @@ def render(view, files=None):
         page.FoldedSection('Candidate effects', tables.ranking(view.ranking),
                            f'Each alone, beside {view.model}.'),
         page.FoldedSection('Terms', [
-            terms_table(view.terms), run_terms_table(view.run_terms),
+            terms_page_table(view.terms), run_terms_table(view.run_terms),
             correlation_table(view.correlated, view.correlations)],
             f'Encoder − catalogue. {_tpoint_signs(kind)}'),
         page.FoldedSection('Stars', stars_table(data)),

@@ -25,7 +25,7 @@ from .number_wording import value_and_error
 _DRAWN = 14
 
 
-def terms_table(terms):
+def terms_page_table(terms):
     """Terms with their standard errors.
 
     Parameters
@@ -107,5 +107,5 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
         correlations = None
     else:
         names = names[:shape[0]]
-    return page.Section('Terms of the model', [terms_table(terms), more, page.Folded(
+    return page.Section('Terms of the model', [terms_page_table(terms), more, page.Folded(
         'Correlations', correlation_table(names, correlations))], note)

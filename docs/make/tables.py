@@ -96,7 +96,7 @@ def markdown(*rows):
 def loop_rows(folder, _):
     """Rows of all scenarios of the loop."""
     sys.path.insert(0, str(ROOT))
-    from telescope_mount.loop_tables import added
+    from telescope_mount.closed_loop.loop_tables import added
     report = json.loads((folder / 'report.json').read_text(encoding='utf-8'))
     head = 'scenario', 'verdict', 'effects added', 'found', 'before', 'after', 'floor'
     return markdown(head, *(

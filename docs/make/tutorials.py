@@ -42,7 +42,7 @@ from pointing_model.runs.plate_solves.frames import OF_DATE, to_icrs  # noqa: E4
 from pointing_model.sky.places import observed_to_icrs, sidereal_time  # noqa: E402
 from pointing_model.sky.refraction import Weather  # noqa: E402
 from pointing_model.sky.site import DEFAULT_SITE  # noqa: E402
-from telescope_mount.run_loader import load_run  # noqa: E402
+from telescope_mount.input_files.run_loader import load_run  # noqa: E402
 
 #: name of a picture, command for its page, width and height shown, pixels
 PAGES = {

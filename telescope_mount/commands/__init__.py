@@ -17,11 +17,3 @@
 Each has ``add(commands)``, which adds its parser, and ``run(args)``, which returns the exit code or
 None. Modules that are slow to import are imported in ``run``.
 """
-
-#: modules in the order of the help text
-COMMANDS = ('night', 'observe', 'watch', 'check_drivers', 'guard', 'lifecycle', 'experiment',
-            'close_the_loop', 'solve', 'fit', 'diagnose', 'bolts', 'track', 'passes', 'satellite',
-            'season', 'zeros', 'apply', 'export', 'info', 'recover', 'verify', 'replay',
-            'encoder_test', 'completion')
-#: modules of the commands that reproduce the papers
-PAPERS = {name: f'papers.{name}_command' for name in ('experiment', 'encoder_test')}

@@ -127,7 +127,7 @@ def model_of(args):
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.wording import wording
 
-    from ..run_loader import load_run
+    from ..input_files.run_loader import load_run
     run = load_run(args.file, **options.place_of(args))
     found = fit_run(one_of_runs(run, None, args.file.is_dir()), encoder=args.encoder,
                     source=args.file)

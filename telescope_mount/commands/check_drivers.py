@@ -51,10 +51,11 @@ def run(args):
     from msg_tools.units import DEG
     from pointing_model.mounts import parse_mount
 
-    from .. import domain, parameter_file
     from ..drivers.listener import check_drivers
     from ..drivers.samples import WRONG
     from ..graph import NODES, NodeSpec
+    from ..input_files import parameter_file
+    from ..processes import domain
     from .console import new_console, print_all, write_json
     if args.star and not args.nudge:
         raise ValueError('--star needs --nudge: give both')

@@ -37,15 +37,15 @@ def add(commands):
     options.add_out(parser, 'loop', 'log, model, reports and page')
     options.add(parser, 'seed')
     parser.add_argument('--stars', type=options.whole(12, 5000),
-                        default=options.Default('telescope_mount.loop.FITTED'),
+                        default=options.Default('telescope_mount.closed_loop.closed_loop.FITTED'),
                         help='that fit and diagnosis see (default: %(default)s)')
     options.add(parser, 'polaris')
     parser.add_argument('--check', type=options.whole(2, 5000),
-                        default=options.Default('telescope_mount.loop.CHECKED'),
+                        default=options.Default('telescope_mount.closed_loop.closed_loop.CHECKED'),
                         help='fresh stars pointed at blind, before and after '
                         '(default: %(default)s)')
     parser.add_argument('--check-every', type=options.whole(2, 1000), metavar='N',
-                        default=options.Default('telescope_mount.loop.CHECK_EVERY'),
+                        default=options.Default('telescope_mount.closed_loop.closed_loop.CHECK_EVERY'),
                         help='of a measured run one row in N is kept out (default: %(default)s)')
     options.add(parser, 'alpha', 'date')
     options.add(parser, *[one for one in options.OF_RUNS if one != 'mount'])
@@ -60,8 +60,8 @@ def run(args):
     from calibration.report.row_wording import expected_sentence, outlier_sentence, used_sentence
     from calibration.report.terminal_layout import layered
 
-    from ..loop import ALL, close_all, close_the_loop
-    from ..loop_tables import all_table, loop_sentences, loop_tables, short_tables
+    from ..closed_loop.closed_loop import ALL, close_all, close_the_loop
+    from ..closed_loop.loop_tables import all_table, loop_sentences, loop_tables, short_tables
     from .console import ProgressLine, end_of_night, new_console, print_all
     if options.is_list(args):
         return options.list_scenarios(args, 'loop_*', 'mount_*')

@@ -26,7 +26,7 @@ from threading import RLock, Timer
 
 from msg_tools.whole_files import tried, write_text
 
-from .. import interrupt
+from ..processes import interrupt
 
 #: s of work after which progress is shown
 PATIENCE = 1.0

@@ -88,7 +88,7 @@ def _run(args):
     from calibration.analysis.sky_model import settled_together
     from msg_tools.forks import cores
 
-    from ..run_loader import load_runs
+    from ..input_files.run_loader import load_runs
     console = new_console()
     place = options.place_of(args) | {
         'graduation': args.graduation, 'worms': args.worm, 'drivers': args.cause}

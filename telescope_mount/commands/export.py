@@ -150,7 +150,7 @@ def export_run(source, path, *, start=None, end=None, **options):
     Parameters
     ----------
     source : str or Path
-        See `telescope_mount.run_loader.load_run`.
+        See `telescope_mount.input_files.run_loader.load_run`.
     path : str or Path
         Output file, ``.parquet`` or CSV; from CSV `load_run` reads the same run, and a fit gives
         the same terms to 1e-9 arcsec.
@@ -176,7 +176,7 @@ def export_run(source, path, *, start=None, end=None, **options):
 
     from pointing_model.runs.formats.csv import write_csv
 
-    from ..run_loader import load_run
+    from ..input_files.run_loader import load_run
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
         raise ValueError(f'{path} is the input run itself; name another output file')

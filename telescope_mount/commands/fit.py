@@ -68,8 +68,8 @@ def _run(args):
     from calibration.report.fit_page import render_fit
     from calibration.report.fit_tables import fit_tables
 
-    from ..night_files import is_log
-    from ..run_loader import load_run
+    from ..input_files.run_loader import load_run
+    from ..nights.night_files import is_log
     from .console import files_of, new_console, print_all, write_outputs
     # in our own logs the zeros of the power-ons are known, and subtracted
     run = load_run(args.file, **options.place_of(args), exclude=args.exclude)

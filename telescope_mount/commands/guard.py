@@ -41,8 +41,8 @@ def run(args):
     """Ask, print."""
     from msg_tools import topics
 
-    from .. import domain
-    from ..graph_client import GraphClient
+    from ..processes import domain
+    from ..running_graph.graph_client import GraphClient
     with closing(GraphClient(domain.join(args.domain).number, args.namespace,
                              'guard_client')) as graph:
         if args.verb:

@@ -40,8 +40,8 @@ def add(commands):
 
 def run(args):
     """List, or change."""
-    from .. import domain
-    from ..graph_client import GraphClient
+    from ..processes import domain
+    from ..running_graph.graph_client import GraphClient
     from .console import new_console, print_all, write_json
     if args.node and not args.transition:
         raise ValueError(f'{args.node}: name a transition, {", ".join(TRANSITIONS)}')

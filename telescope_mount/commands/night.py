@@ -79,7 +79,7 @@ def _add_server(parser):
     parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
                         help='with a server mount: Python driver of your own camera')
     parser.add_argument('--exposure', type=options.real(1e-3, 600.0, 's'), metavar='S',
-                        default=options.Default('telescope_mount.server_night.EXPOSURE'),
+                        default=options.Default('telescope_mount.nights.server_night.EXPOSURE'),
                         help='with a server mount: exposure time, during which the mount must '
                         'track steadily (default: %(default)s)')
     parser.add_argument('--anew', action='store_true', help='with a server mount: restart the '
@@ -89,8 +89,8 @@ def _add_server(parser):
 def run(args):
     """Observe, print, write."""
     from ..bridges.connection import PORTS
-    from ..server_night import EXPOSURE
-    from ..whole_night import run_night
+    from ..nights.server_night import EXPOSURE
+    from ..nights.whole_night import run_night
     from .console import ProgressLine, end_of_night, new_console, print_calibration
     if options.is_list(args):
         return options.list_scenarios(args)
@@ -124,7 +124,7 @@ def run(args):
         'calibration': calibration, 'track': track, 'discrimination': discrimination}
     with ProgressLine(console) as progress:
         if by_server:
-            from ..real_night import run_server_night
+            from ..nights.real_night import run_server_night
             report = run_server_night(
                 args.out, args.mount, camera=args.camera, drivers=args.driver, anew=args.anew,
                 exposure=args.exposure, progress=progress, hold_up=hold_up,

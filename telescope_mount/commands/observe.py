@@ -59,7 +59,7 @@ def add(commands):
 
 def run(args):
     """Observe, print, write."""
-    from ..real_night import run_real_night
+    from ..nights.real_night import run_real_night
     from .console import ProgressLine, end_of_night, new_console, print_calibration
     console = new_console()
 

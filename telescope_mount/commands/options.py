@@ -25,7 +25,7 @@ from calibration.estimation.false_alarms import ALPHA
 from msg_tools import NAMESPACE
 from pointing_model.mount_kinds import kinds_text
 
-from ..night_files import log_of, model_of
+from ..nights.night_files import log_of, model_of
 
 #: types for ``add_argument``: a log or run, and a model; a night's folder can stand for either
 log_path, model_path = log_of, model_of
@@ -291,7 +291,7 @@ def check_params(path):
         return
     if not path.is_file():
         raise ValueError(f'{path} is no file; give a ROS parameter file with --params')
-    from ..parameter_file import sections
+    from ..input_files.parameter_file import sections
     sections(path)
 
 

@@ -39,7 +39,7 @@ def add(commands):
 
 def run(args):
     """Replay, print, write."""
-    from ..log_replay import replay_log
+    from ..log_check.log_replay import replay_log
     from .console import (
         ProgressLine,
         files_of,

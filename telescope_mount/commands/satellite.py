@@ -65,7 +65,7 @@ def run(args):
     from calibration.report.wording import worded, wording
     from pointing_model.model import PointingModel
 
-    from ..track_loader import load_tracks
+    from ..input_files.track_loader import load_tracks
     from .console import ProgressLine, files_of, new_console, print_all, write_outputs
     args.azimuth_origin, args.equinox = None, 'auto'
     place = options.place_of(args)

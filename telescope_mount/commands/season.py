@@ -50,7 +50,7 @@ def run(args):
     from msg_tools.iso_time import iso_seconds
     from pointing_model.runs.columns.run_table import NoObservations
 
-    from ..run_loader import load_run
+    from ..input_files.run_loader import load_run
     from .console import ProgressLine, files_of, new_console, print_all, write_outputs
     declared = []
     for text in args.since:
@@ -93,7 +93,7 @@ def run(args):
 
 def _files(paths):
     """The given paths; for a folder that is not a log, the files and nights in it."""
-    from ..night_files import holds_log
+    from ..nights.night_files import holds_log
     for path in paths:
         if path.is_dir() and not holds_log(path):
             logs = (options.log_path(p) for p in path.iterdir() if p.name[0] != '.')

@@ -49,7 +49,7 @@ def run(args):
     from pointing_model.runs.plate_solves.mapping import load_mapping
     from pointing_model.runs.plate_solves.solvers import find_solver
 
-    from ..plate_solver.folder import FAILED, HUNG, SOLVED, solve_folder
+    from ..input_files.image_folder import FAILED, HUNG, SOLVED, solve_folder
     from .console import ProgressLine, new_console, print_files, print_lines, write_outputs
     if not args.folder.is_dir():
         raise ValueError(f'{args.folder} is no folder of images')
@@ -82,7 +82,7 @@ def _column_doubts(path):
     from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
     from calibration.report.wording import wording
 
-    from ..run_loader import load_run
+    from ..input_files.run_loader import load_run
     try:
         run = load_run(path)
         return False, [wording(one) for one in check_columns(run).doubts(run.mount.names)]

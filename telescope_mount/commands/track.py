@@ -47,7 +47,7 @@ def run(args):
     from calibration.report.wording import worded
     from pointing_model.model import PointingModel
 
-    from ..run_loader import load_run
+    from ..input_files.run_loader import load_run
     from .console import ProgressLine, files_of, new_console, print_all, write_outputs
     run = load_run(args.file, **options.place_of(args))
     model = args.model and PointingModel.load(args.model)

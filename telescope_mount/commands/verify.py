@@ -34,7 +34,7 @@ def add(commands):
 
 def run(args):
     """Compute, compare, print; 1 if something differs."""
-    from ..log_check import verify_log
+    from ..log_check.log_check import verify_log
     from .console import ProgressLine, new_console, print_lines, write_outputs
     with ProgressLine(unit='rows', first='reading the log') as progress:
         report = verify_log(args.log, reference=args.reference, seed=args.seed, progress=progress)

@@ -84,10 +84,10 @@ def _print_state(args, state):
 
 
 def _graph(args):
-    from .. import domain
     from .. import missing_ros as ros
+    from ..processes import domain
     ros.check('watch')
-    from ..graph_client import GraphClient
+    from ..running_graph.graph_client import GraphClient
     number = domain.join(args.domain).number
     with closing(GraphClient(number, args.namespace, 'watch')) as graph:
         messages = listen(graph, f'graph in {args.namespace}, domain {number}', args.namespace)

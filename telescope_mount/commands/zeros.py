@@ -36,7 +36,7 @@ def run(args):
     """Read, test, print, write."""
     from calibration.report.terminal_layout import layered
     from calibration.report.zero_season_report import season_lines, season_table
-    from telescope_mount.zero_file import zero_file_causes
+    from telescope_mount.input_files.zero_file import zero_file_causes
 
     from .console import files_of, new_console, print_all, write_outputs
     document = zero_file_causes(args.file)

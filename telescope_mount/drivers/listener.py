@@ -28,7 +28,7 @@ from pointing_model.sky.site import Site
 from pointing_model.sky.sky_params import SKY_PARAMS
 from telescope_mount.guard.allowed_sky import AllowedSky
 
-from ..graph_client import GraphClient
+from ..running_graph.graph_client import GraphClient
 from .contract import check_contract
 from .guard_request import GuardClient
 from .nudge import bright_star, check_nudge, fixed_place, place_of, went_elsewhere

@@ -27,9 +27,9 @@ from msg_tools.units import DEG
 
 from ..observing.axis_demand import Track
 from .axis_track import resting
+from .reasons_to_stop import off_way
 from .sent_course import Course
 from .supervisor import Supervisor
-from .watchdog import off_way
 
 #: longest leg of an axis, rad: near half a turn a driver may go the other way round
 LONGEST = 150.0 * DEG

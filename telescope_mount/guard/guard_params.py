@@ -21,8 +21,8 @@ from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 from pointing_model.sky.skyline import parse_horizon
 
 from .limits import Limits, parse_pair
+from .reasons_to_stop import GuardSettings
 from .sky_limits import SKY_LIMITS
-from .watchdog import GuardSettings
 
 # the defaults are defined there
 _SENT, _KEPT = GuardSettings(), Limits()

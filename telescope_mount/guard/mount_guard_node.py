@@ -34,9 +34,9 @@ from .allowed_sky import PLACE, rows_of
 from .goto import GotoSupervisor
 from .guard_params import PARAMS
 from .limits import Axis, Limits, parse_pair, travel_of
+from .reasons_to_stop import ERROR, LATE, WARN, GuardSettings
 from .sky_limits import SKY_LIMITS
 from .supervisor import STILL, Supervisor
-from .watchdog import ERROR, LATE, WARN, GuardSettings
 
 #: steady seconds between checks of everything
 LOOK = 0.05

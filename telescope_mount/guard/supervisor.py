@@ -32,10 +32,10 @@ from .axis_track import ended, resting
 from .detour import around, lead
 from .limits import SLEW_SHARE
 from .motion import AxisState
+from .reasons_to_stop import ERROR, LATE, OK, UNKNOWN, WARN, off_course, silence, why_stop
 from .sent_course import Course, moves_onto, stop_track
 from .sky_limits import SkyCircles
 from .track_check import Allowed, Refused, TrackCheck
-from .watchdog import ERROR, LATE, OK, UNKNOWN, WARN, off_course, silence, why_stop
 
 #: closer to a via point than this, and slower, counts as reached; rad, rad/s
 REACHED, STILL = 0.1 * DEG, 0.02 * DEG

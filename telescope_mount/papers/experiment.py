@@ -21,8 +21,8 @@ from msg_tools.whole_files import beside, tried, write_text
 from telescope_mount.observing.plan import BLOCK_STARS, ZERO_EXPOSURES, parse_plan
 
 from ..graph import night_graph
-from ..night_files import Written
-from ..whole_night import observe, prepare_folder
+from ..nights.night_files import Written
+from ..nights.whole_night import observe, prepare_folder
 from .experiment_page import render_experiment
 
 #: choice of zero changes at power-ons -> scenario

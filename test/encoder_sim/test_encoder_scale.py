@@ -17,7 +17,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_sim.encoder_scale import EncoderScale, ZeroDrift, disc_angle
+from encoder_sim.encoder_scale import EncoderScale, ZeroDrift
+from encoder_sim.graduated_disc import disc_angle
 from msg_tools.units import ARCSEC, DEG
 
 TURN = np.linspace(0.0, 2 * np.pi, 361)

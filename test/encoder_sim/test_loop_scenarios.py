@@ -19,7 +19,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_sim.encoder_scale import disc_angle, tilted_angle
+from encoder_sim.graduated_disc import disc_angle, tilted_angle
 from encoder_sim.mount_geometry import MountErrors, MountGeometry, azimuth_elevation
 from encoder_sim.scenario import Scenario, TrueWeather
 from encoder_sim.scenario_file import load_scenario, scenario_names

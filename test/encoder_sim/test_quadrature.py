@@ -17,7 +17,7 @@
 import numpy as np
 import pytest
 
-from encoder_sim.encoder_scale import SineSignals
+from encoder_sim.graduated_disc import SineSignals
 from encoder_sim.incremental import Incremental, IncrementalEncoder
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG

@@ -41,7 +41,7 @@ def test_ours(ours):
 
 
 def test_it_is_verified():
-    from telescope_mount.log_check import verify_log
+    from telescope_mount.log_check.log_check import verify_log
     result = verify_log(SAMPLE)
     assert set(result['checked']) >= {'offset', 'zero', 'report', 'model'}
     # the last bit may be another on another processor; what is there may not

@@ -25,7 +25,7 @@ from pointing_model.sky.skyline import Horizon
 from telescope_mount.bridges.indi.indi_driver import MountDriver
 from telescope_mount.guard.goto import GotoSupervisor
 from telescope_mount.guard.limits import Axis, Limits
-from telescope_mount.guard.watchdog import GuardSettings
+from telescope_mount.guard.reasons_to_stop import GuardSettings
 from telescope_mount.observing.axis_demand import Track
 
 

@@ -21,8 +21,8 @@ from pointing_model.sky.site import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.limits import Axis, Limits
+from telescope_mount.guard.reasons_to_stop import GuardSettings
 from telescope_mount.guard.supervisor import Supervisor
-from telescope_mount.guard.watchdog import GuardSettings
 from telescope_mount.observing.axis_demand import Track
 
 START = 1_768_482_000 * 10**9  # 2026-01-15T13:00:00, night at the default site

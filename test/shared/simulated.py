@@ -17,7 +17,7 @@
 import numpy as np
 
 from calibration.analysis.diagnosis.observations import sequence_of
-from calibration.analysis.diagnosis.run_problem import effect_bank
+from calibration.analysis.diagnosis.offered_effects import effect_bank
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC, DEG

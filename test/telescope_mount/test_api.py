@@ -78,9 +78,9 @@ class NoRos:
 sys.meta_path.insert(0, NoRos())
 from telescope_mount import api, cli, read_run
 print(len(read_run({str(MMT)!r})))
-from calibration.analysis.diagnosis import alternatives, diagnosis, run_problem
+from calibration.analysis.diagnosis import alternatives, diagnosis, offered_effects
 diagnosis.diagnose.__kwdefaults__["cross_validation"] = False  # most of its time
-alternatives.MOST_TRIED, run_problem.smooths = 0, lambda context: []
+alternatives.MOST_TRIED, offered_effects.smooths = 0, lambda context: []
 codes = []
 for command in (["fit", {str(LOG)!r}], ["info", {str(LOG)!r}],
                 ["export", {str(LOG)!r}, {str(tmp_path / 'rows.csv')!r}],

@@ -18,9 +18,9 @@ import shutil
 import pytest
 
 from msg_tools.bag import BagReader, BagWriter
+from msg_tools.bag.log_copy import recover_log
 from telescope_mount.commands.info import log_info
-from telescope_mount.commands.recover import recover_log
-from telescope_mount.log_replay import _newer
+from telescope_mount.log_check.log_replay import _newer
 
 DAY = 86_400 * 10**9
 

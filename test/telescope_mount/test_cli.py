@@ -33,10 +33,10 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.sky.orbits.orbit_files import FORMATS
 from pointing_model.sky.refraction import AIR
 from pointing_model.sky.site import SITE
-from telescope_mount import domain
-from telescope_mount.command_parser import parsed
-from telescope_mount.commands import COMMANDS, fit, options
+from telescope_mount.command_parser import COMMANDS, parsed
+from telescope_mount.commands import fit, options
 from telescope_mount.drivers import nudge
+from telescope_mount.processes import domain
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 
@@ -180,7 +180,7 @@ def test_files_that_are_not_there(refused, tmp_path):
 
 
 def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
-    from telescope_mount import whole_night as night
+    from telescope_mount.nights import whole_night as night
     (tmp_path / 'p.yaml').write_text('')
     asked, given = [], night.run_night
 

@@ -24,7 +24,7 @@ from msg_tools.bag import BagWriter
 from msg_tools.cloud_tables import cloud_points
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run, export_topics, time_of
-from telescope_mount.run_loader import load_run
+from telescope_mount.input_files.run_loader import load_run
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
 JOINTS = b"""int32 id

@@ -38,7 +38,7 @@ from telescope_mount.graph import (
     real_graph,
     replay_graph,
 )
-from telescope_mount.server_night import server_graph
+from telescope_mount.nights.server_night import server_graph
 
 #: package -> the packages that it may name: import, or mention as a module or a path in a string
 BELOW = {
@@ -375,7 +375,7 @@ def test_a_real_mount_has_the_time_of_the_wall_and_no_simulated_node():
 
 def test_launch_and_command_line_start_the_same_graph():
     launch = ROOT / 'launch' / 'night.launch.py'
-    for path in (launch, ROOT / 'telescope_mount' / 'whole_night.py'):
+    for path in (launch, ROOT / 'telescope_mount' / 'nights' / 'whole_night.py'):
         assert 'telescope_mount.graph.night_graph' in imports(path), path
     # and the launch file names no node itself
     text = {node.value for node in ast.walk(ast.parse(launch.read_text(encoding='utf-8')))

@@ -24,9 +24,9 @@ from telescope_mount.commands.guard import sentence
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from msg_tools import convert
-from telescope_mount import graph_client
 from telescope_mount.commands import watch
-from telescope_mount.graph_client import elsewhere
+from telescope_mount.running_graph import graph_client
+from telescope_mount.running_graph.graph_client import elsewhere
 
 
 def test_the_guard_is_asked_from_the_command_line(process, ros_domain, ended, monkeypatch):

@@ -31,7 +31,7 @@ from pointing_model.mount_shape import urdf
 from pointing_model.mounts import parse_mount
 from telescope_mount.graph import NIGHT, night_graph, real_graph
 from telescope_mount.observing.plan import night_plan, real_plan
-from telescope_mount.parent import PARENT
+from telescope_mount.processes.parent import PARENT
 from telescope_mount.simulation import scenario_names
 
 FILE = ROOT / 'launch' / 'night.launch.py'
@@ -233,7 +233,7 @@ def test_a_process_of_a_launch_or_of_ros2_run_ends_with_it(tmp_path, words, mark
 import os, subprocess, sys
 if {marked}:
     os.environ[{PARENT!r}] = str(os.getpid())
-subprocess.Popen([sys.executable, '-m', 'telescope_mount.parent', {str(script)!r}]).wait()
+subprocess.Popen([sys.executable, '-m', 'telescope_mount.processes.parent', {str(script)!r}]).wait()
 """)
     launch = subprocess.Popen([sys.executable, str(starter), *words[1:]], cwd=ROOT,
                               stdout=subprocess.PIPE, text=True)
@@ -256,7 +256,7 @@ import os, subprocess, sys
 if {marked}:
     os.environ[{PARENT!r}] = str(os.getpid())
 subprocess.Popen(['sh', '-c', 'echo; read word; exec env "$@"', 'sh',
-                  '_=' + {shell_says!r}, sys.executable, '-m', 'telescope_mount.parent',
+                  '_=' + {shell_says!r}, sys.executable, '-m', 'telescope_mount.processes.parent',
                   {str(script)!r}]).wait()
 """)
     starts = subprocess.Popen([sys.executable, str(starter)], cwd=ROOT, stdin=subprocess.PIPE,

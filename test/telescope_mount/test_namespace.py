@@ -20,8 +20,8 @@ import pytest
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.bag.bag_pair import RECORD
 from telescope_mount.commands.info import log_info
-from telescope_mount.log_check import verify_log
-from telescope_mount.run_loader import run_of_log
+from telescope_mount.input_files.run_loader import run_of_log
+from telescope_mount.log_check.log_check import verify_log
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
 

@@ -28,7 +28,7 @@ from pointing_model.runs.formats.csv import iso_utc, write_csv
 from pointing_model.runs.plate_solves.frames import parse_frame
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import icrs_to_observed, observed_to_icrs
-from telescope_mount.run_loader import load_run
+from telescope_mount.input_files.run_loader import load_run
 
 KNOWN = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 
@@ -301,7 +301,7 @@ def test_false_solves_and_frames_of_a_german_mount_are_named(german, tmp_path):
 
 
 def test_what_is_played_to_the_graph_is_the_judged_run(night, tmp_path):
-    from telescope_mount.loop import _player, _sound_run
+    from telescope_mount.closed_loop.closed_loop import _player, _sound_run
     columns = columns_of(night)
     columns['ra_deg'] = columns['ra_deg'].copy()
     columns['ra_deg'][3] += 40.0

@@ -23,8 +23,8 @@ from mcap.writer import Writer
 from places import ROOT
 
 from msg_tools.bag import BagReader, BagWriter
+from msg_tools.bag.log_copy import recover_log
 from telescope_mount.cli import main
-from telescope_mount.commands.recover import recover_log
 
 FUZZ = ROOT / 'benchmarks' / 'recover_truth.py'
 TEXT = 'std_msgs/msg/String'

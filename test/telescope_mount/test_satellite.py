@@ -133,7 +133,7 @@ def test_a_few_wild_rows_and_a_pass_under_another_name_refuse_no_file(ended, fol
 
 def test_the_air_and_the_side_that_a_track_gives_are_taken(folder, tmp_path):
     from pointing_model.mounts import through_pole
-    from telescope_mount.track_loader import load_tracks
+    from telescope_mount.input_files.track_loader import load_tracks
     path = tmp_path / 'track.csv'
     head = ('# mount: german\n# latitude_deg: 34.3\n# longitude_deg: 109\n# height_m: 500\n'
             '{}time,ha_enc_deg,dec_enc_deg{}\n')
@@ -164,7 +164,7 @@ def test_the_air_and_the_side_that_a_track_gives_are_taken(folder, tmp_path):
 
 
 def test_rows_of_a_log_find_their_orbits_by_number(folder, tmp_path, monkeypatch):
-    from telescope_mount import track_loader
+    from telescope_mount.input_files import track_loader
     paths = [folder / f'{name}.sp3' for name in ('A01', 'B02', 'C03')]
     number = -track_loader.Orbits(paths).orbit('B02').number
     rows = track_loader.load_tracks([folder / 'tracks.csv'], paths)
@@ -181,7 +181,7 @@ def test_rows_of_a_log_find_their_orbits_by_number(folder, tmp_path, monkeypatch
 
 
 def test_a_camera_that_missed_is_taken_into_account(folder, tmp_path):
-    from telescope_mount.track_loader import load_tracks
+    from telescope_mount.input_files.track_loader import load_tracks
     lines = (folder / 'tracks.csv').read_text().splitlines()
     head, rows = lines[:4], lines[4:24]
     (tmp_path / 'twice.csv').write_text('\n'.join(head + rows + rows[:5]))

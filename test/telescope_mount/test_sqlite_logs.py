@@ -28,8 +28,8 @@ from msg_tools.bag import BagReader
 from msg_tools.bag import log as log_reader
 from telescope_mount.cli import main
 from telescope_mount.commands.info import log_info
-from telescope_mount.log_replay import _newer
-from telescope_mount.run_loader import load_run
+from telescope_mount.input_files.run_loader import load_run
+from telescope_mount.log_check.log_replay import _newer
 
 NIGHT = ROOT / 'examples' / 'night' / 'bag'
 

@@ -23,7 +23,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from msg_tools import convert, topics
 from msg_tools.readiness import GraphReports
 from msg_tools.status_rows import Progress
-from telescope_mount import whole_night as night
+from telescope_mount.nights import whole_night as night
 
 OK, WARN = b'\0', b'\1'
 

@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.estimation.backward_elimination import eliminate
-from calibration.estimation.candidates import TIE, CandidateGroup
+from calibration.estimation.candidate_scores import TIE, CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.equal_causes import SET_WIDTH
 from calibration.estimation.linear_model import LIVE

@@ -19,7 +19,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.estimation.estimate import Linearisation
+from calibration.estimation.row_influence import Linearisation
 from calibration.rows import OUTLIER
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.estimation.candidates import CandidateGroup
+from calibration.estimation.candidate_scores import CandidateGroup
 from calibration.estimation.equal_causes import SET_WIDTH, overlap
 from calibration.estimation.false_alarms import ALPHA
 from calibration.estimation.linear_model import DISTINCT, weighted_fit
@@ -37,7 +37,8 @@ from ..finding import Finding
 from .alternatives import likelihood_ratio
 from .discriminating_star import ENOUGH, LEAST_CHANCE, SEPARATE, Pair, Points, drivers_of, needed
 from .observations import observations
-from .run_problem import RunProblem, effect_bank
+from .offered_effects import effect_bank
+from .run_problem import RunProblem
 
 #: largest number of requested stars
 MOST_STARS = 15

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.estimation.candidates import TIE
+from calibration.estimation.candidate_scores import TIE
 from calibration.estimation.equal_causes import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word

@@ -16,7 +16,7 @@
 
 import numpy as np
 
-from calibration.estimation.candidates import CandidateBank
+from calibration.estimation.candidate_scores import CandidateBank
 from calibration.estimation.chance import normal_score
 from calibration.estimation.folds import FOLDS, cross_validate, partitions_of
 from calibration.estimation.selection_problem import SelectionProblem

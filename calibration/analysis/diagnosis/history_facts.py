@@ -22,7 +22,7 @@ from pointing_model.effects.drifts import MOVING, about
 from pointing_model.effects.thermal import BEFORE
 
 from ..finding import Finding
-from .run_problem import effect_bank
+from .offered_effects import effect_bank
 
 #: grid of lags, relative to the length of the run; drop in BIC gain of a 1-sigma interval
 _LAGS, _ONE_SIGMA = np.geomspace(0.05, 4.0, 120), 1.0

@@ -52,7 +52,7 @@ from ..finding import Finding
 from ..term_fit import rotation_start
 from .base_terms import Base
 from .observations import mount_of, observations
-from .run_problem import effect_bank
+from .offered_effects import effect_bank
 
 #: forms not used to predict: tan E is unbounded near the pole, where there are no rows; the turns
 #: that wind up a cable are specific to a run

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.estimation.candidates import CandidateGroup
+from calibration.estimation.candidate_scores import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.equal_causes import SET_WIDTH
 from calibration.estimation.linear_model import DISTINCT

@@ -12,111 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A run as a selection problem: observations, base columns and candidate effects."""
+"""A run as a selection problem: observations, base columns and offered effects."""
 
-from copy import copy
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
-from calibration.estimation.candidates import CandidateBank
-from calibration.estimation.periodogram import PeriodBank
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
-from pointing_model.effects import changes, dictionary, effect, smooths, steps
-from pointing_model.effects.base import known
-from pointing_model.effects.drifts import places_of_steps
+from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 
 from ..finding import Finding
 from ..term_fit import rotation_start
 from .base_terms import determined_base
 from .decoder_slips import decode_slips
-from .period_scans import period_bank
+from .offered_effects import offer_effects
 from .row_counts import row_word
-
-_CHUNK = 64  # columns processed at a time
-
-
-def effect_bank(effects, context, sizes=True):
-    """`CandidateBank` of effects, with their columns for the rows of a context."""
-    n, sizes_of = len(context), [len(e.coefficient_names) for e in effects]
-    columns, start = np.zeros((sum(sizes_of), 2 * n)), 0
-    # there are hundreds of effects: `Effect.columns` of each would take twice as long
-    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
-        for e, size in zip(effects, sizes_of):
-            e.fill(columns[start:start + size].reshape(size, 2, n), context)
-            start += size
-    for i in range(0, len(columns), _CHUNK):
-        known(columns[i:i + _CHUNK])
-    return CandidateBank(effects, columns, sizes)
-
-
-#: number of refined values of each scanned parameter, with one or two scanned parameters
-_FINER = {1: 9, 2: 5}
-
-
-class EffectVariants:
-    """Changes of effects with time, and scan members between the grid points; evaluated on demand.
-
-    Parameters
-    ----------
-    context : Context
-        Context of the rows.
-    """
-
-    def __init__(self, context):
-        self._context, self._changes, self._whole, self._rows = context, {}, None, None
-
-    def columns(self, one):
-        """Columns of any effect, shape (d, 2n)."""
-        return self._bank([one]).columns
-
-    def changes(self, one):
-        """`CandidateBank` of the changes of an effect; it may be empty."""
-        if id(one) not in self._changes:  # the stored effect keeps its id unique
-            bank = (self._bank(changes(one, self._context)) if self._whole is None
-                    else self._whole.changes(one).rows(self._rows))
-            self._changes[id(one)] = one, bank
-        return self._changes[id(one)][1]
-
-    def finer(self, one, scan, level=0):
-        """`CandidateBank` of members between the grid neighbours of a scan member.
-
-        For a step these are all positions between rows. None for an effect that is not scanned.
-        Each `level` narrows the interval by a factor of four.
-        """
-        if not one.searched:
-            return None
-        grids = [self._between(one, scan, name, 0.25**level) for name in one.searched]
-        return self._bank([effect(one.form, **one.parameters | dict(zip(one.searched, values)))
-                           for values in product(*grids)])
-
-    def _between(self, e, scan, name, part):
-        """Refined values of one scanned parameter around that of a member."""
-        tried = sorted({f.parameters[name] for f in scan if f is not e})
-        at = e.parameters[name]
-        low = at - part * (at - max((v for v in tried if v < at), default=at))
-        high = at + part * (min((v for v in tried if v > at), default=at) - at)
-        if name == 'at':  # the position of a step between two rows does not matter
-            places = places_of_steps(self._context, e.driver)
-            return places[(places >= low) & (places <= high)].tolist() or [e.parameters[name]]
-        count = _FINER[len(e.searched)] // 2 + 1
-        return sorted({*np.linspace(low, at, count).tolist(),
-                       *np.linspace(at, high, count).tolist()})
-
-    def rows(self, rows):
-        """Variants for a subset of the rows."""
-        out = copy(self)
-        out._changes, out._whole = {}, self._whole or self
-        out._rows = rows if self._whole is None else self._rows[rows]
-        return out
-
-    def _bank(self, effects):
-        """`CandidateBank` of effects for these rows."""
-        bank = effect_bank(effects, self._context)
-        return bank if self._whole is None else bank.rows(self._rows)
 
 
 class RunProblem:
@@ -151,18 +63,10 @@ class RunProblem:
                              'coefficients and a residual; observe more or fit fewer terms')
         self.obs, self.base = obs, base
         self.start, left, feasible = rotation_start(obs, base.terms)
-        names = obs.context.mount.names
-        effects, self.untestable = dictionary(
-            obs.context, [t for t in names.physical if t not in base.terms], base.own)
-        if base.own and set(names.index) <= set(base.own):
-            effects = [e for e in effects if e.form != 'run_zero']
         self.problem = SelectionProblem(columns, left, obs.inverse_sigma, None, None,
                                         obs.sequence)
         self.slips = self._slips(alpha)
-        self.problem.dictionary = effect_bank(effects + steps(obs.context), obs.context)
-        self.problem.curves = effect_bank(smooths(obs.context) if curves else [], obs.context)
-        self.problem.periods = period_bank(obs.context) if curves else PeriodBank([])
-        self.problem.variants = EffectVariants(obs.context)
+        self.untestable = offer_effects(self.problem, obs.context, base, curves)
         self.infeasible = ~feasible
 
     def weigh_runs(self, sigma):

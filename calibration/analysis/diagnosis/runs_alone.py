@@ -25,7 +25,8 @@ from pointing_model.effects.drifts import several_runs
 from pointing_model.effects.gears_and_worms import worm_waves
 
 from .effect_choice import choose_effects
-from .run_problem import RunProblem, effect_bank
+from .offered_effects import effect_bank
+from .run_problem import RunProblem
 from .scatter import axes_scatter
 
 #: fewest rows of a run that is searched; largest number of runs searched

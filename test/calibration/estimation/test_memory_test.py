@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.estimation.candidates import CandidateBank, CandidateGroup
+from calibration.estimation.candidate_scores import CandidateBank, CandidateGroup
 from calibration.estimation.correlated_noise import Sequence
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.memory_likelihood import MemorySearch, noise_memory

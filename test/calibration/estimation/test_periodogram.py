@@ -17,7 +17,7 @@
 import numpy as np
 import pytest
 
-from calibration.estimation.candidates import CandidateBank
+from calibration.estimation.candidate_scores import CandidateBank
 from calibration.estimation.chance import Chance
 from calibration.estimation.false_alarms import SHARES
 from calibration.estimation.group_columns import GroupColumns

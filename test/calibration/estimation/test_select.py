@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 from simulated import make_context, make_problem
 
-from calibration.analysis.diagnosis.run_problem import effect_bank
+from calibration.analysis.diagnosis.offered_effects import effect_bank
 from calibration.analysis.diagnosis.validation import nested
 from calibration.estimation.backward_elimination import eliminate
-from calibration.estimation.candidates import CandidateBank, CandidateGroup
+from calibration.estimation.candidate_scores import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance, ChanceTest, normal_score, pair_corrected
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.equal_causes import overlap

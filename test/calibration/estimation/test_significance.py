@@ -18,7 +18,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calibration.estimation.candidates import CandidateBank, CandidateGroup
+from calibration.estimation.candidate_scores import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance
 from calibration.estimation.correlated_noise import Sequence
 from calibration.estimation.equal_causes import SET_WIDTH

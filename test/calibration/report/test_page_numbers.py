@@ -18,7 +18,7 @@ import pytest
 
 from calibration.report.number_wording import value_and_error
 from calibration.report.page_html import drawn
-from calibration.report.terms_section import terms_table
+from calibration.report.terms_section import terms_page_table
 
 
 @pytest.mark.parametrize('value, sigma, texts', [
@@ -32,7 +32,7 @@ def test_a_value_has_the_digits_of_its_error(value, sigma, texts):
 def test_a_table_of_terms_has_what_they_are_without_the_effects():
     terms = [{'name': 'CH', 'value': 1046.3, 'sigma': 44.2, 'unit': 'arcsec', 'alone': 1283.9},
              {'name': 'DAF', 'value': -320.1, 'sigma': 46.4, 'unit': 'arcsec'}]
-    text = drawn(terms_table(terms))
+    text = drawn(terms_page_table(terms))
     assert 'without the effects' in text and '<td>+1284</td>' in text
     assert text.count('<td>–</td>') == 1
-    assert 'without the effects' not in drawn(terms_table(terms[1:]))
+    assert 'without the effects' not in drawn(terms_page_table(terms[1:]))

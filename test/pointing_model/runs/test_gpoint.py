@@ -25,7 +25,7 @@ from pointing_model.runs.columns.run_table import NoObservations
 from pointing_model.sky.places import observed_to_icrs, sidereal_time
 from pointing_model.sky.refraction import Weather
 from pointing_model.sky.site import Site
-from telescope_mount.run_loader import load_run
+from telescope_mount.input_files.run_loader import load_run
 
 SITE = Site(-35.5 * DEG, -69.45 * DEG, 1430.0)
 HEAD = '#  Observation MJD MNT-LST RA-MNT DEC-MNT AXRA AXDEC RA-TRUE DEC-TRUE\n'

@@ -40,7 +40,7 @@ from pointing_model.runs.run_reader import read_run
 from pointing_model.sky.places import observed_to_icrs
 from pointing_model.sky.refraction import Weather
 from pointing_model.sky.site import Site
-from telescope_mount.run_loader import load_run
+from telescope_mount.input_files.run_loader import load_run
 
 TRUE = dict(zip(ALTAZ.names.physical, (120.0, -40.0, 15.0, -8.0, 20.0, 12.0, 25.0)))
 HEAD = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'

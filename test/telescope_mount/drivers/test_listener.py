@@ -26,7 +26,7 @@ from telescope_mount.graph import SIMULATED, night_graph
 
 @pytest.fixture
 def simulator(ros_domain, tmp_path):
-    from telescope_mount.processes import Processes
+    from telescope_mount.processes.node_processes import Processes
     started = Processes(tmp_path / 'nodes', ros_domain)
     for spec in night_graph(bag='', time_scale=5.0):
         if spec.name in (*SIMULATED, 'mount_guard'):

@@ -28,7 +28,7 @@ from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.goto import LONGEST, STOP, GotoSupervisor
 from telescope_mount.guard.limits import Axis, Limits
-from telescope_mount.guard.watchdog import GuardSettings
+from telescope_mount.guard.reasons_to_stop import GuardSettings
 
 GERMAN = Mount.equatorial(34.3 * DEG, 'german')
 

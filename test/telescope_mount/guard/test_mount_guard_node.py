@@ -27,8 +27,8 @@ from msg_tools.params import BadInput
 from msg_tools.units import DEG
 from telescope_mount.guard import mount_guard_node
 from telescope_mount.guard.mount_guard_node import MountGuard
+from telescope_mount.guard.reasons_to_stop import ERROR, LATE, OK, WARN
 from telescope_mount.guard.sky_limits import SUN
-from telescope_mount.guard.watchdog import ERROR, LATE, OK, WARN
 
 TIMES = np.array([0.0, 20.0, 40.0])
 PLACE = {'latitude_deg': 34.3, 'longitude_deg': 109.0}

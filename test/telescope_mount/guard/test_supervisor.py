@@ -29,9 +29,9 @@ from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard import supervisor as supervisor_of
 from telescope_mount.guard.axis_track import Cubic, braked, ended
 from telescope_mount.guard.limits import Axis, Limits, travel_of
+from telescope_mount.guard.reasons_to_stop import LATE, WARN
 from telescope_mount.guard.sky_limits import SUN, SkyCircles
 from telescope_mount.guard.track_check import Refused
-from telescope_mount.guard.watchdog import LATE, WARN
 from telescope_mount.observing.axis_demand import Track
 
 NOON = START + 15 * 3600 * 10**9

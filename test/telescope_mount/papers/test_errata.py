@@ -39,7 +39,7 @@ from places import ROOT
 from calibration.analysis.external_check import PAPER
 from calibration.analysis.term_fit import fit_harmonics
 from encoder_reading.disc import BARS, INITIAL, RECURRENCES, code_bits
-from encoder_sim.encoder_scale import disc_angle
+from encoder_sim.graduated_disc import disc_angle
 from encoder_sim.incremental import Incremental
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG

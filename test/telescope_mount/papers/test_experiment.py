@@ -27,7 +27,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.runs.run_reader import read_run
 from pointing_model.zero import is_for_zero
-from telescope_mount.night_files import Written
+from telescope_mount.nights.night_files import Written
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.papers import experiment as module
 from telescope_mount.papers.experiment import SATELLITE_NIGHT, experiment_plan

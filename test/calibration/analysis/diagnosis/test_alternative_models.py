@@ -29,7 +29,7 @@ from calibration.analysis.diagnosis.alternatives import (
 )
 from calibration.analysis.diagnosis.diagnosis_result import verdict_of
 from calibration.analysis.diagnosis.effect_causes import diagnosed_effect
-from calibration.estimation.candidates import CandidateBank, CandidateGroup
+from calibration.estimation.candidate_scores import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.equal_causes import SET_WIDTH

@@ -20,7 +20,7 @@ import numpy as np
 from simulated import make_problem
 
 from calibration.analysis.diagnosis.alternatives import alternatives
-from calibration.estimation.candidates import CandidateBank
+from calibration.estimation.candidate_scores import CandidateBank
 from calibration.estimation.chance import Chance
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.select import choose

@@ -29,7 +29,7 @@ from pointing_model.runs.plate_solves.frames import OF_DATE, to_icrs
 from pointing_model.sky.places import observed_to_icrs, sidereal_time
 from pointing_model.sky.refraction import Weather
 from pointing_model.sky.site import Site
-from telescope_mount.run_loader import load_run
+from telescope_mount.input_files.run_loader import load_run
 
 LATITUDE = 48.0 * DEG
 TERMS = dict(zip(('IH', 'ID', 'CH', 'NP', 'MA', 'ME', 'TF'), (60, -40, 35, -20, 45, -70, 20)))

@@ -21,7 +21,7 @@ from simulated import night
 from calibration.analysis.diagnosis.base_terms import Base
 from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.run_problem import RunProblem
-from calibration.estimation.candidates import CandidateGroup
+from calibration.estimation.candidate_scores import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.folds import predicted
 from msg_tools.units import ARCSEC
