@@ -26,6 +26,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
+from pointing_model.sky.refraction import DEFAULT_WEATHER
 
 from . import keyed_noise
 from .absolute import Absolute
@@ -49,7 +50,7 @@ class TrueWeather:
     offset within a `nightly_range` (degC); `nightly_draw` selects the series of offsets.
     """
 
-    pressure: float = number(955.0, 'hpa', 0.0, 1100.0)
+    pressure: float = number(DEFAULT_WEATHER.pressure_hpa, 'hpa', 0.0, 1100.0)
     temperature: float = number(10.0, 'c', -60.0, 60.0)
     humidity: float = number(50.0, 'percent', 0.0, 100.0)
     wavelength: float = number(0.55, 'um', 0.3, 20.0)

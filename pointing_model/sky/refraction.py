@@ -21,7 +21,7 @@ import erfa
 import numpy as np
 
 from .earth import EARTH_RADIUS
-from .site import Quantity
+from .site import DEFAULT_SITE, Quantity
 
 # least cosine and sine of an elevation in ERFA's atioq
 _LEAST_COS, _LEAST_SIN = 1e-6, 0.05
@@ -64,8 +64,6 @@ class Weather:
             quantity.check(self)
 
 
-DEFAULT_WEATHER = Weather()
-
 #: relative deviation of a pressure from the standard atmosphere that is implausible: weather causes
 #: at most 4 %; reduction to sea level from 500 m is 6 %; and the pressure range of any telescope
 _UNLIKE, _ANYWHERE = 0.055, (400.0, 1100.0)
@@ -93,6 +91,9 @@ def air_at(height, given=None):
     Weather
     """
     return Weather(**{'pressure_hpa': standard_pressure(height), **(given or {})})
+
+
+DEFAULT_WEATHER = air_at(DEFAULT_SITE.height)
 
 
 def air_of_rows(height, pressure=None, temperature=None, declared=None, given=None):

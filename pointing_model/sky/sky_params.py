@@ -19,7 +19,7 @@ from msg_tools.units import DEG
 
 from ..mount_kinds import kinds_text
 from ..mounts import parse_mount
-from .refraction import AIR, DEFAULT_WEATHER, Weather, odd_pressure
+from .refraction import AIR, DEFAULT_WEATHER, air_at, odd_pressure
 from .site import DEFAULT_SITE, SITE, Site
 
 KIND_OF_MOUNT = Param(
@@ -31,14 +31,17 @@ _MEANING = {
     'latitude_deg': 'geodetic latitude of the site [deg]',
     'longitude_deg': 'longitude of the site, east positive [deg]',
     'height_m': 'height above the ellipsoid [m]',
-    'pressure_hpa': 'air pressure at the site, 0 for no refraction [hPa]',
+    'pressure_hpa': 'air pressure at the mount [hPa]; 0: no refraction, -1: that of a standard '
+                    'atmosphere at height_m',
     'temperature_c': 'air temperature at the site [Celsius]',
     'humidity': 'relative humidity at the site [1]',
     'wavelength_um': 'effective wavelength of the camera [um]'}
+#: default and least value: a height tells the pressure to 4 %, no other site's does
+_STANDARD = {'pressure_hpa': -1.0}
 #: in the order of the fields of `Site` and `Weather`
 SKY_PARAMS = tuple(
-    Param(name, getattr(default, one.field) / one.size, _MEANING[name], one.low, one.high,
-          fixed=table is SITE)  # the air changes in a night
+    Param(name, _STANDARD.get(name, getattr(default, one.field) / one.size), _MEANING[name],
+          _STANDARD.get(name, one.low), one.high, fixed=table is SITE)  # the air changes in a night
     for default, table in ((DEFAULT_SITE, SITE), (DEFAULT_WEATHER, AIR))
     for name, one in table.items())
 
@@ -56,8 +59,12 @@ def sky_of(node):
     site : Site
     weather : Weather
     """
-    site, weather = (kind(*(node.value(name) * one.size for name, one in table.items()))
-                     for kind, table in ((Site, SITE), (Weather, AIR)))
+    place, air = ({one.field: node.value(name) * one.size for name, one in table.items()}
+                  for table in (SITE, AIR))
+    if air['pressure_hpa'] < 0.0:
+        del air['pressure_hpa']
+    site = Site(**place)
+    weather = air_at(site.height, air)
     for text in odd_pressure(weather.pressure_hpa, site.height):
         node.get_logger().warning(text)
     return site, weather

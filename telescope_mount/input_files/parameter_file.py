@@ -21,6 +21,8 @@ from difflib import get_close_matches
 
 from msg_tools import NAMESPACE
 from msg_tools.parameter_sections import ALIKE, is_of, sections
+from pointing_model.sky.refraction import odd_pressure
+from pointing_model.sky.site import DEFAULT_SITE
 
 from ..graph import NODES, WITH_BUILT_TYPES, simulated_site
 
@@ -69,7 +71,7 @@ def check(specs, path=None, drivers=(), namespace=NAMESPACE):
     Returns
     -------
     list of str
-        Notes on sections that only a driver can read.
+        Notes on sections that only a driver can read, and on the air of a real mount.
 
     Raises
     ------
@@ -80,8 +82,11 @@ def check(specs, path=None, drivers=(), namespace=NAMESPACE):
     names = [spec.name for spec in specs]
     driven = bool(drivers) or not any(name in MOUNTS for name in names)
     notes = [_note(path, section, names, driven, namespace) for section in found]
-    _check_site({spec.name: (spec, values_of(f'{namespace}/{spec.name}', spec.parameters, found))
-                 for spec in specs}, path)
+    nodes = {spec.name: (spec, values_of(f'{namespace}/{spec.name}', spec.parameters, found))
+             for spec in specs}
+    _check_site(nodes, path)
+    if OBSERVER in nodes and 'mount_simulator' not in nodes:
+        notes += _notes_on_air(nodes[OBSERVER][1])
     return list(filter(None, notes))
 
 
@@ -98,6 +103,18 @@ def _note(path, section, names, driven, namespace):
     hint = f'write /**/{alike[0]}. ' if alike else ''
     raise ValueError(f'{path}: section {section} matches no node in {namespace}: {hint}The nodes '
                      f'are {", ".join(names)}')
+
+
+def _notes_on_air(values):
+    """Notes on the pressure that the observer's refraction rests on, from its parameters."""
+    height, pressure = values.get('height_m'), values.get('pressure_hpa', -1.0)
+    if not all(isinstance(value, int | float | None) for value in (height, pressure)):
+        return []  # the node refuses it
+    if height is None:
+        return [] if pressure >= 0.0 else [
+            f'no height of the site: refraction is computed for {DEFAULT_SITE.height:g} m. Set '
+            'height_m or pressure_hpa (parameter file, under /**:, or --height)']
+    return [] if pressure < 0.0 else odd_pressure(pressure, height)
 
 
 def _check_site(nodes, path):

@@ -24,8 +24,8 @@ from telescope_mount.graph import night_graph, real_graph
 from telescope_mount.input_files.parameter_file import check, values_of
 from telescope_mount.nights.whole_night import run_night
 
-PLACE = {'latitude_deg': 34.3, 'longitude_deg': 109.0}
-SITE = '/**: {ros__parameters: {latitude_deg: 34.3, longitude_deg: 109.0}}\n'
+PLACE = {'latitude_deg': 34.3, 'longitude_deg': 109.0, 'height_m': 500.0}
+SITE = '/**: {ros__parameters: {latitude_deg: 34.3, longitude_deg: 109.0, height_m: 500.0}}\n'
 GUARD = 'mount_guard: {ros__parameters: {least_elevation_deg: 50.0}}\n'
 
 
@@ -119,6 +119,19 @@ def test_guard_and_observer_have_one_site(file):
     # a longitude of the other sign of counting is the same
     assert check(real_graph(bag='b', sky=PLACE), file(
         '/**/mount_guard: {ros__parameters: {longitude_deg: -251.0}}')) == []
+
+
+def test_the_refraction_is_of_the_height_of_the_site(file):
+    high = PLACE | {'height_m': 2400.0}
+    assert check(real_graph(bag='b', sky=high)) == []
+    assert check(real_graph(bag='b', sky=high), file('/**: {ros__parameters: {pressure_hpa: 1015.}}'
+                                                     )) == [
+        'pressure 1015 hPa, but 756 hPa is usual at a height of 2400 m. Give the pressure at the '
+        'mount, not reduced to sea level']
+    del high['height_m']
+    note, = check(real_graph(bag='b', sky=high))
+    assert note.startswith('no height of the site: refraction is computed for 500 m. Set height_m ')
+    assert check(real_graph(bag='b', sky=high | {'pressure_hpa': 756.0})) == []
 
 
 def test_a_night_is_refused_before_its_folder_is_made(file, tmp_path, monkeypatch):
