@@ -188,13 +188,13 @@ class Night:
         right = weight @ self.evening
         oracle = GaussianSum(self.evening, self.evening_covariance, [np.diag(t.walk**2)],
                              outliers=1e-9)
-        far = PossibleJump('', np.eye(K)[self.jump_axis], 100.0 * ARCSEC, 0.0)
+        far = PossibleJump('', np.eye(K)[:, [self.jump_axis]], 100.0 * ARCSEC, 0.0)
         out = {key: np.tile(self.evening, (self.count, 1)) for key in 'abcd'}
         for k in range(self.count):
             h, y = self.columns[k], self.linear(k)
             oracle.wait(t.every)
             if k == self.jump_star:
-                oracle.widen(far.sigma**2 * np.outer(far.shape, far.shape))
+                oracle.widen(far.covariance)
             oracle.observe(h, y, np.full(2, t.noise))
             if k + 1 == self.count:
                 break

@@ -16,6 +16,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -54,6 +56,15 @@ class Finding:
     def __getitem__(self, name):
         """One of `evidence`."""
         return self.evidence[name]
+
+
+def far_outside(what, value, measured):
+    """A Finding if `value` is beyond the measured ones by more than half their range, in a list."""
+    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
+    if not abs(value - (low + high) / 2.0) > high - low:  # also NaN
+        return []
+    return [Finding('cause far outside', float(value), unit='', caution=True, evidence={
+        'what': what, 'low': low, 'high': high})]
 
 
 def is_caution(found):

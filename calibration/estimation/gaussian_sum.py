@@ -52,14 +52,14 @@ class PossibleJump(NamedTuple):
     """Coefficients that may jump together."""
 
     name: str  # of what moves
-    shape: np.ndarray  # (n,), change of the coefficients for a jump of 1
+    shape: np.ndarray  # (n, m), change of the coefficients for m independent jumps of 1
     sigma: float  # standard deviation of its size
     per_hour: float  # rate
 
     @property
     def covariance(self):
         """Covariance that a jump adds to that of the coefficients, shape (n, n)."""
-        return self.sigma**2 * np.outer(self.shape, self.shape)
+        return self.sigma**2 * (self.shape @ self.shape.T)
 
 
 class GaussianSum:
@@ -275,9 +275,9 @@ class GaussianSum:
             For each new history the branches merged into it: index of the parent history, cause
             (None: nothing happened) and log weight (r,).
         """
-        causes, priors, sides = self._causes(row[0], is_star)
+        causes, priors, added = self._causes(row[0], is_star)
         innovation, spread = innovation_of(self.means[..., None], self.covariances, *row)
-        wide = spread + (sides[:, :, None] * sides[:, None, :])[:, None, None]
+        wide = spread + added[:, None, None]
         likely = priors[:, None, None] + self.log_weights + _log_density(innovation, wide)
         if is_star:
             causes = [*causes, OUTLIER]
@@ -304,17 +304,17 @@ class GaussianSum:
         return {recent: groups[recent] for recent in kept}
 
     def _causes(self, columns, is_star):
-        """Possible causes (None: nothing happened), log priors, and 1 sigma in the row."""
-        causes, chances, sides = [None], [], [np.zeros(len(columns))]
+        """Possible causes (None: nothing happened), log priors, and covariance in the row."""
+        causes, chances, added = [None], [], [np.zeros((len(columns),) * 2)]
         for number, jump in enumerate(self.jumps):
             side = columns @ jump.shape
             if np.abs(side).max() > 1e-9:
                 causes.append(number)
-                sides.append(side * jump.sigma)
+                added.append(jump.sigma**2 * (side @ side.T))
                 chances.append(-np.expm1(-jump.per_hour * max(self.unseen[number], _SHORTEST)))
                 self.unseen[number] = 0.0
         nothing = 1.0 - sum(chances) - (self._outliers if is_star else 0.0)
-        return causes, np.log([max(nothing, 1e-3), *chances]), np.array(sides)
+        return causes, np.log([max(nothing, 1e-3), *chances]), np.array(added)
 
 
 def mixture(weights, means, covariances):

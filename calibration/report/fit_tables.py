@@ -14,7 +14,6 @@
 
 """Terminal output for a fit to a measured run."""
 
-from calibration.analysis.finding import is_caution
 from pointing_model.effects.base import readable
 
 from .bolt_wording import alignment_lines
@@ -30,7 +29,7 @@ from .terminal_tables import (
     rms_cells,
     terms_table,
 )
-from .wording import wording
+from .wording import noted, wording
 
 #: largest number of parts of a prediction that are listed
 _PARTS = 8
@@ -70,12 +69,11 @@ def fit_tables(found, document, verbose=True, files=0):
         alarms.append('more than a third of the rows is left out: see why before you use the '
                       'terms')
     alarms += map(wording, result.open_directions)
-    whole = list(filter(is_caution, document['notes']))
-    alarms += [f'caution: {note}' for note in whole]
+    cautions, notes = noted(document['notes'])
+    alarms += cautions
     if document['polar_axis']:
         urgent.append(' '.join(alignment_lines(document['polar_axis'])))
-    details = [*left_out_lines(document['excluded'], word=document['rows_are']),
-               *(f'note: {note}' for note in document['notes'] if note not in whole)]
+    details = [*left_out_lines(document['excluded'], word=document['rows_are']), *notes]
     if found.origin is not None:
         details.append(f'sides of the pier: {origin_sentence(found.origin)}')
     strong = _strong_correlations(result)

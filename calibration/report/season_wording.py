@@ -48,7 +48,7 @@ def _column(found):
 
 
 def _left_out(found):
-    advice = ': name the file YYYY-MM-DD or give the column time'
+    advice = ': name the file YYYY-MM-DD, or give UTC in the column time'
     return f'{found["night"]}: left out, {found["why"]}{advice * (found["why"] == NO_DATE)}'
 
 
@@ -100,6 +100,10 @@ KINDS = {
     'cause unknown tonight': lambda found: (
         f'{", ".join(found.causes)} of the coming night is unknown: the season mean is used '
         '(--tonight COLUMN=VALUE)'),
+    'cause far outside': lambda found: (
+        f'{found["what"]} of {found.size:g} is far outside what was measured '
+        f'({found["low"]:.3g} to {found["high"]:.3g}): the prediction extrapolates. Check value '
+        'and unit'),
     'season declared': lambda found: f'{found["cause"]}: {_moved(found)}',
     'season step': lambda found: f'{_moved(found)}: what was done to the mount then?',
     'season year': _year,

@@ -14,7 +14,7 @@
 
 """The sentence of each `Finding`, by its kind; the words are in the modules of each subject."""
 
-from calibration.analysis.finding import Finding
+from calibration.analysis.finding import Finding, is_caution
 
 from . import (
     diagnosis_wording,
@@ -54,6 +54,12 @@ def worded(document):
         return {key: worded(value) for key, value in document.items()}
     return [worded(value) for value in document] if isinstance(document, (list, tuple)) else (
         document)
+
+
+def noted(notes):
+    """Lines of notes: of cautions, which are printed first, and of the others."""
+    return ([f'caution: {wording(note)}' for note in notes if is_caution(note)],
+            [f'note: {wording(note)}' for note in notes if not is_caution(note)])
 
 
 def paragraph(findings):

@@ -114,7 +114,11 @@ def _value(value, sigma, digits=1, unit=''):
 def season_lines(document):
     """Lines in addition to the table, a list of str."""
     found = document['causes']
-    lines = [found['text'], *found['odd']]
+    lines = [found['text'], *(f'caution: {line}' for line in found['far']), *found['odd']]
+    if document['tonight']:
+        lines += [f'caution: {COVARIATES[name]} is not known tonight: the prediction of {axis} is '
+                  'the mean of all power-ons' for axis in AXES
+                  for name in document['tonight'][axis]['missing']]
     if found['drivers']:  # else the text has them
         lines += [f'not tried: {line}' for line in found['not_tried']]
     if found['left_out']:

@@ -46,7 +46,7 @@ def run(args):
     from calibration.analysis.season.season_nights import nights_of
     from calibration.report.season_page import render_season
     from calibration.report.terminal_layout import layered
-    from calibration.report.wording import worded
+    from calibration.report.wording import noted, worded
     from msg_tools.iso_time import iso_seconds
     from pointing_model.runs.columns.run_table import NoObservations
 
@@ -81,12 +81,12 @@ def run(args):
         progress('looking for what moves the terms')
         result = analyse_season(season, declared=declared, tonight=tonight, causes=causes)
     document = worded(result.document())
+    cautions, notes = noted(result.document()['notes'])
+    found = worded(result.findings()) or [
+        'no cause found; how far each term drifts is in the table']
     print_all(console, layered(
-        [_table(document)],
-        [f'{word}: {line}' for word, lines in (
-            ('found', worded(result.findings()) or [
-                'no cause found; how far each term drifts is in the table']),
-            ('note', document['notes'])) for line in lines], args.verbose, files_of(args)))
+        [_table(document), *cautions],
+        [*(f'found: {line}' for line in found), *notes], args.verbose, files_of(args)))
     write_outputs(console, args, document, model=result.model().save,
                   page=args.report and render_season(result, args.files))
 

@@ -44,7 +44,7 @@ def run(args):
     from calibration.report.terminal_layout import layered
     from calibration.report.terminal_tables import new_table
     from calibration.report.track_page import render_track, tracking_lines
-    from calibration.report.wording import worded
+    from calibration.report.wording import noted, worded
     from pointing_model.model import PointingModel
 
     from ..input_files.run_loader import load_run
@@ -60,9 +60,10 @@ def run(args):
         table.add_row(word, f'{missed[name]:.2f}', f'{missed[f"{name}, middle"]:.2f}')
     table.add_row('adaptive model, expected', f'{missed["expected"]:.2f}', '')
     of = [f'fixed model: fitted to the first {tracked.fitted} stars'] * bool(tracked.fitted)
+    cautions, notes = noted(tracked.summary()['notes'])
     print_all(console, layered(
-        [table, *of], [*(f'tracked: {line}' for line in tracking_lines(summary)),
-                       *(f'note: {note}' for note in summary['notes'])],
+        [table, *of, *cautions],
+        [*(f'tracked: {line}' for line in tracking_lines(summary)), *notes],
         args.verbose, files_of(args)))
     write_outputs(console, args, summary, model=tracked.model.save,
                   page=args.report and render_track(tracked, [args.file]))

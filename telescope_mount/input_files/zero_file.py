@@ -38,6 +38,7 @@ from calibration.report.row_wording import listed
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.runs.columns.cells import Cells
+from pointing_model.runs.columns.row_checks import fill_rows
 from pointing_model.runs.columns.run_table import read_lines
 
 _COLUMNS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
@@ -45,6 +46,7 @@ _COLUMNS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': '
 _SIDES = {'below': 1.0, 'above': -1.0}
 _SHORT = ('_az', '_el')
 _LARGEST = 1e50  # largest measured value: sums of squares stay finite
+_LEAST = 0.1  # arcsec: zeros by stars differ by more
 _NEEDED = 'zero_az_arcsec and zero_el_arcsec'
 
 
@@ -84,6 +86,7 @@ def read_zeros(path):
     covariates = {name: _pair(cells, pattern, _SIDES if name == 'side' else {})
                for name, pattern in _COLUMNS.items()}
     time, run = _time(cells), _column(cells, 'run')
+    notes += _without_fills(cells, path, zeros, covariates)
     for k, axis in enumerate(_SHORT):
         cells.exclude(sigmas[:, k] <= 0.0, f'sigma{axis}_arcsec is not positive')
     _leave_out_copies(cells, np.column_stack([time * 1e3, zeros * 1e6]))
@@ -113,6 +116,21 @@ def read_zeros(path):
     return season.select(there == 2), tonight, notes + _left_out(path, lines, reasons)
 
 
+def _without_fills(cells, path, zeros, covariates):
+    """Set fill values to NaN; notes on them, and on zeros that hardly differ."""
+    notes = []
+    for name, values in [('zero{}_arcsec', zeros), *zip(_COLUMNS.values(), covariates.values())]:
+        for axis, column in zip(_SHORT, values.T):
+            rows, text = fill_rows(_named(cells, name, axis), column)
+            if rows.any():
+                column[rows] = np.nan
+                notes.append(f'{path}: {text} in {rows.sum()} of {len(rows)} rows: not measured')
+    spread = np.nanmax(zeros, axis=0, initial=-np.inf) - np.nanmin(zeros, axis=0, initial=np.inf)
+    if 0.0 < spread.max() < _LEAST:
+        notes.append(f'{path}: all zeros are within {spread.max():.2g} arcsec: are they degrees?')
+    return list(dict.fromkeys(notes))
+
+
 def _on_one_turn(zeros):
     """Zeros, rad, shape (n, 2), each axis within half a turn of its mean direction."""
     middle = np.angle(np.nansum(np.exp(1j * zeros), axis=0))
@@ -140,8 +158,13 @@ def _leave_out_copies(cells, values):
 
 def _pair(cells, pattern, words=None):
     """Numbers of both axes, from separate columns or a common one, shape (n, 2)."""
-    return np.array([_column(cells, name if name in cells.header else pattern.format(''), words)
-                     for name in map(pattern.format, _SHORT)]).T
+    return np.array([_column(cells, _named(cells, pattern, axis), words) for axis in _SHORT]).T
+
+
+def _named(cells, pattern, axis):
+    """Name of the column of an axis: its own, or the common one."""
+    name = pattern.format(axis)
+    return name if name in cells.header else pattern.format('')
 
 
 def _column(cells, name, words=None):

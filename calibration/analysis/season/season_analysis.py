@@ -21,7 +21,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 
-from ..finding import Finding
+from ..finding import Finding, far_outside
 from ..tracking.history import PAST, RATES, past_of_runs, rates_of_nights
 from .season_causes import SEASON_ALPHA, candidates, choose_causes
 from .season_kalman import (
@@ -169,6 +169,7 @@ def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=SEAS
     for name in causes or {}:
         if not any(name in night.causes for night in nights):
             raise ValueError(f'no night has a column {name}')
+    causes = {name: value for name, value in (causes or {}).items() if np.isfinite(value)}
     day = days(nights)
     terms = NightlyTerms(day, np.array([night.values for night in nights]),
                 np.array([night.covariance for night in nights]),
@@ -181,11 +182,14 @@ def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=SEAS
     found, variation = choose_causes(terms, candidates(season, day, steps), alpha)
     path = season_path(terms.with_columns([one.cause.columns(k) for one in found]), variation)
     at = (tonight - nights[0].time) / _DAY
-    unknown = sorted({entry.cause.text for entry in found if entry.cause.kind == 'column'}
-                     - set(causes or {}))
+    drivers = {entry.cause.text: entry.cause for entry in found if entry.cause.kind == 'column'}
+    unknown = sorted(set(drivers) - set(causes))
+    notes += [far for name, cause in drivers.items() if name in causes
+              for far in far_outside(name, causes[name], cause.shape
+                                     + causes[name] - cause.tonight(0.0, causes)[0])]
     if unknown:
         notes.append(Finding('cause unknown tonight', causes=tuple(unknown)))
-    columns = [entry.cause.columns_of(at, causes or {}, k) for entry in found]
+    columns = [entry.cause.columns_of(at, causes, k) for entry in found]
     mean, covariance = forecast(path, variation, at - day[-1],
                                 np.concatenate([np.zeros((k, 0)), *columns], axis=1))
     out = SeasonAnalysis(season, found, variation, path, tonight, mean, covariance, notes)

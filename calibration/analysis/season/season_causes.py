@@ -138,8 +138,7 @@ def candidates(season, day, declared=()):
         shape = np.where(known, values - middle, 0.0)[:, None]
 
         def tonight(_, causes, name=name, middle=middle):
-            value = causes.get(name, np.nan)
-            return [value - middle if np.isfinite(value) else 0.0]
+            return [causes.get(name, middle) - middle]
         out += [Cause('column', name, terms, shape, f'per unit of {name}', tonight)
                 for terms in every]
     half = float(day.mean())

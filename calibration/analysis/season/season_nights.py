@@ -23,11 +23,13 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
+from pointing_model.runs.columns.cell_values import CLOCK
 from pointing_model.runs.columns.column_names import is_cause
+from pointing_model.runs.columns.row_checks import Caution
 from pointing_model.runs.copies import without_copies
 
 from ..diagnosis.mistaken_columns import ColumnCheck, MistakenColumns, check_columns
-from ..finding import Finding
+from ..finding import Finding, is_caution
 from ..term_fit import fit_terms
 
 NO_DATE = 'no date'
@@ -144,8 +146,19 @@ def nights_of(runs, names=None, columns=()):
         raise ValueError(f'{len(found)} nights with a date and enough stars; a season takes three: '
                          + ('; '.join(_reason(note) for note in notes[:3]) or 'give more runs'))
     found.sort(key=lambda night: night.time)
-    notes += ColumnCheck.of(checked).doubts(mount.names)
+    notes = [*_cautions(runs), *notes, *ColumnCheck.of(checked).doubts(mount.names)]
     return Nights(names, mount, found, notes, tuple(columns))
+
+
+def _cautions(runs):
+    """Cautions of the file readers; those of many files that differ in numbers only are one."""
+    files = {}
+    for run in runs:
+        for note in filter(is_caution, run.meta.get('notes', ())):
+            files.setdefault(re.sub(r'[-+.\d]+', '', note), []).append(
+                (Path(str(run.meta.get('source', 'run'))).name, note))
+    return [Caution(f'{rows[0][0]}{f" and {len(rows) - 1} more" * (len(rows) > 1)}: {rows[0][1]}')
+            for rows in files.values()]
 
 
 def _reason(note):
@@ -190,7 +203,7 @@ def _night(run, names, label, columns, seen):
 
 def _time_of(run, label):
     """UTC, s: from the rows, or else from the caption, file name or date; None if unknown."""
-    if 'time' in run and np.isfinite(run['time']).any():
+    if 'time' in run and np.isfinite(run['time']).any() and np.nanmean(run['time']) >= CLOCK:
         return float(np.nanmean(run['time']))
     for text in (str(run.meta.get('caption', '')), label, str(run.meta.get('date', ''))):
         for found in _STAMP.finditer(text):

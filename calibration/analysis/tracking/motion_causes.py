@@ -74,7 +74,7 @@ class TrackingSettings:
     memory_h : dict of str to float
         Relaxation times, h, of terms that return to the model of the evening.
     jumps : tuple of (float, float)
-        1 sigma (rad) and frequency per hour, for each axis.
+        1 sigma (rad) and frequency per hour, for each axis; the last also of both at once.
     wrong, wrong_sigma : float
         Share of wrong stars, and 1 sigma of their error (rad).
     turn_h : float
@@ -203,22 +203,28 @@ def rate_hypotheses(names, mount, sensors, settings):
 
 
 def jumps_of(names, mount, sensors, settings):
-    """A `PossibleJump` of each size for each axis and each cause that sensors distinguish."""
+    """A `PossibleJump` of each size for each axis and each cause that sensors distinguish.
+
+    And of both axes at once, as at a restart. Both encoders show that in each axis by itself.
+    """
     states = states_of(names, sensors)
-    causes = []  # name, shape, sizes
+    causes = []  # name, shapes, sizes
     for i, (term, axis) in enumerate(zip(mount.names.index, mount.names.axes), 1):
         shown = f'difference_{i}'
         shapes = {axis: {term: 1.0}}
         if 'difference' in sensors:
             shapes = {f'{INCREMENTAL}, {axis}': {term: 1.0, shown: -1.0},
                       f'{ABSOLUTE}, {axis}': {shown: 1.0}, f'{TUBE}, {axis}': {term: 1.0}}
-        causes += [(name, shape, settings.jumps) for name, shape in shapes.items()]
+        causes += [(name, [shape], settings.jumps) for name, shape in shapes.items()]
+    if 'difference' not in sensors:
+        causes.append((' and '.join(mount.names.axes), [{term: 1.0} for term in mount.names.index],
+                       settings.jumps[-1:]))
     if 'inclinometer' in sensors:
         for way, shape, shown in zip(('north or south', 'east or west'), lean_of_base(mount),
                                      ('lean_north', 'lean_west')):
-            causes.append((f'{PIER}, {way}', {**shape, shown: 1.0}, PIER_JUMPS))
-    return [PossibleJump(name, _direction(states, shape), sigma, often)
-            for name, shape, sizes in causes for sigma, often in sizes]
+            causes.append((f'{PIER}, {way}', [{**shape, shown: 1.0}], PIER_JUMPS))
+    return [PossibleJump(name, _steps(states, shapes).T, sigma, often)
+            for name, shapes, sizes in causes for sigma, often in sizes]
 
 
 def night_to_night(states, mount, settings):
@@ -263,11 +269,13 @@ def power_on_change(states, mount, axes, sigma):
         {mount.names.index[axis]: 1.0, f'difference_{axis + 1}': -1.0} for axis in axes])
 
 
-def _direction(states, shape):
-    return np.array([shape.get(name, 0.0) for name in states])
+def _steps(states, shapes):
+    """Unit steps along some shapes, shape (m, n)."""
+    return np.array([[shape.get(name, 0.0) for name in states] for shape in shapes]).reshape(
+        -1, len(states))
 
 
 def _spread(states, shapes):
     """Covariance of states that move by independent unit steps along some shapes."""
-    steps = np.array([_direction(states, shape) for shape in shapes]).reshape(-1, len(states))
+    steps = _steps(states, shapes)
     return steps.T @ steps

@@ -33,6 +33,8 @@ from .tracker import model_of_fit
 
 #: fewest stars to which the model of the evening is fitted
 FEWEST = 12
+#: standard deviations of von Neumann's ratio that are chance (1 %)
+_BY_CHANCE = 2.33
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ def track_run(run, model=None, first=None, names=None, progress=None):
                              'takes three more')
         held = run.select(np.arange(fitted))
         fit = fit_terms(held, names)
-        model, noise = model_of_fit(fit), tuple(map(float, fit.scatter))
+        model, noise = model_of_fit(fit), _noise_of_stars(fit)
     elif not model.mount.agrees(run.mount):
         raise ValueError('the model is of another mount than the run')
     begun = run['time'][max(fitted - 1, 0)] if fitted else run['time'][0] - 1.0
@@ -156,6 +158,20 @@ def track_run(run, model=None, first=None, names=None, progress=None):
         night.model(int(np.rint(run['time'][-1] * 1e9))), np.array(rows), np.array(time),
         np.array(evening), np.array(live), np.array(sigma), night.smoothed(), night.document(),
         fitted, notes)
+
+
+def _noise_of_stars(fit):
+    """1 sigma of a star along x and y, rad: without the drift that a fit leaves in its residuals.
+
+    Where neighbours in time are alike by more than chance (von Neumann's ratio), it is the scatter
+    of their differences.
+    """
+    used, out = fit.weights > 0.0, []
+    for scatter, residual in zip(fit.scatter, (fit.residual_x[used], fit.residual_y[used])):
+        share = np.mean(np.square(np.diff(residual))) / (2.0 * np.mean(np.square(residual)))
+        alike = share < 1.0 - _BY_CHANCE / np.sqrt(len(residual))
+        out.append(float(scatter * np.sqrt(share)) if alike else float(scatter))
+    return tuple(out)
 
 
 def _complete(run):

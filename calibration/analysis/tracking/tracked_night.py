@@ -99,7 +99,8 @@ class TrackedNight:
         self._noise, self._difference, self._lean = tuple(noise), difference, lean
         self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
-        self._events, self._nis = [], []  # findings; NIS of stars without an event
+        # findings; NIS of stars without an event, at the star before neither
+        self._events, self._nis, self._calm = [], [], True
         self.updates, self.measurements, self._at_first = [], None, None
         self._sensors = [name for name, known in (
             ('difference', difference), ('inclinometer', lean)) if known]
@@ -312,8 +313,10 @@ class TrackedNight:
     def _note(self, update):
         self._events = [*self._events, *({'stamp': update.stamp, 'text': finding}
                                          for finding in update.findings)][-MOST_EVENTS:]
-        if update.taken and update.what == 'star' and update.chances['nothing'] > 0.5:
-            self._nis = [*self._nis, update.nis][-MOST_NIS:]
+        if update.taken and update.what == 'star':
+            calm, self._calm = self._calm, update.chances['nothing'] > 0.5
+            if calm and self._calm:
+                self._nis = [*self._nis, update.nis][-MOST_NIS:]
 
     def _note_power_on(self, row, stamp):
         run = float(row['run'][0])

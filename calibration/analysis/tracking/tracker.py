@@ -128,6 +128,7 @@ class Tracker:
         self.reference = {}  # state of a sensor -> its first reading
         self.consistency = FilterConsistency()
         self._pending, self._reported = [], []  # (number, innovation), (number, name)
+        self._calm = True  # nothing happened at the last star tested
 
     # --- what is known ------------------------------------------------------------------------
 
@@ -398,7 +399,7 @@ class Tracker:
                 if name == 'nothing' or chance < SURE or (before, name) in self._reported:
                     continue
                 # one star cannot distinguish a jump from a wrong star; the encoders can
-                if before < number or name == WRONG or name.startswith((INCREMENTAL, ABSOLUTE)):
+                if before < number or name.startswith((INCREMENTAL, ABSOLUTE)):
                     self._reported.append((before, name))
                     out.append(Finding(WRONG if name == WRONG else 'jump', chance, unit='',
                                        causes=(name,), evidence={'star': before}))
@@ -409,7 +410,8 @@ class Tracker:
         out = None
         while self._pending and self._pending[0][0] <= number - self.settings.depth + 1:
             before, off = self._pending.pop(0)
-            if self.chances(before)['nothing'] > 0.5:
+            calm, self._calm = self._calm, self.chances(before)['nothing'] > 0.5
+            if calm and self._calm:  # the star after an event was predicted undecided
                 out = self.consistency.add(off, self._fastest @ self.rate_weights) or out
         self.filter.rates = self._rates * self.consistency.walk**2
         return out

@@ -31,7 +31,7 @@ from ...estimation.covariate_choice import CovariateChoice, choose_covariates, f
 from ...estimation.extra_scatter import are_borne_out, whitening
 from ...estimation.step_scan import student_factor
 from ...rows import floored
-from ..finding import Finding
+from ..finding import Finding, far_outside
 
 AXES = ('azimuth', 'elevation')
 #: covariate -> (unit, the least standard deviation over the nights that counts)
@@ -298,7 +298,7 @@ def zero_causes(season, tonight=None, alpha=ZERO_ALPHA, *, leave_out=True, seed=
         ``measured_arcsec`` (RMS of their errors), ``unexplained_arcsec``, and, if cross-validated,
         ``left_out_before_arcsec`` and ``left_out_after_arcsec`` (RMS). ``tonight``: None, or for
         each axis ``zero_arcsec``, ``sigma_arcsec``, the causes ``by`` which it is predicted and
-        those ``missing``.
+        those ``missing``; ``far``: findings on causes tonight far outside the measured ones.
     """
     names, why = usable_covariates(season)
     complete = _complete(season, names)
@@ -318,7 +318,7 @@ def zero_causes(season, tonight=None, alpha=ZERO_ALPHA, *, leave_out=True, seed=
         'odd': odd,
         'drivers': names, 'not_tried': why,
         'p': float(found.p.min()) if enough and names else None, 'axes': axes,
-        'tonight': None,
+        'tonight': None, 'far': [],
     }
     if not enough:
         out['text'] = Finding('few power-ons', len(used), unit='power-ons', evidence={
@@ -329,7 +329,11 @@ def zero_causes(season, tonight=None, alpha=ZERO_ALPHA, *, leave_out=True, seed=
             'axes': {name: axis['text'] for name, axis in axes.items()}})
     if tonight is not None and lines:
         means = [_fit(used, axis, ()) for axis in range(2)]
+        tonight = {n: np.broadcast_to(tonight.get(n, np.nan), 2) for n in COVARIATES}
         out['tonight'] = _expected(lines, means, tonight)
+        out['far'] = [found for axis, line in enumerate(lines) for name in line.names
+                      for found in far_outside(f'{name} ({AXES[axis]})', tonight[name][axis],
+                                               used.covariates[name][:, axis])]
     return out
 
 
@@ -374,7 +378,7 @@ def _expected(lines, means, tonight):
     """
     out = {}
     for axis, (name, line, mean) in enumerate(zip(AXES, lines, means)):
-        known = {n: float(np.broadcast_to(tonight.get(n, np.nan), 2)[axis]) for n in line.names}
+        known = {n: float(tonight[n][axis]) for n in line.names}
         missing = [n for n, value in known.items() if not np.isfinite(value)]
         line = mean if missing else line
         value, sigma = line.at(np.array([known[n] for n in line.names]))

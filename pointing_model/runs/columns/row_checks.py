@@ -233,7 +233,8 @@ def blank_absurd(table):
         absurd = (table.reasons == 0) & np.isfinite(values) & ((values < low) | (values > high))
         text = f'{table.label(name)} is outside {low:g} to {high:g} {unit}'.strip()
         if not absurd.any() and (name in _AIR or name not in (*COLUMNS, *SPECIAL)):
-            absurd, text = _fill(table, name, values)
+            absurd, text = fill_rows(
+                table.label(name), np.where(table.reasons == 0, values, np.nan))
         if not absurd.any():
             continue
         if name in SPECIAL or name in _SIGMAS:
@@ -255,19 +256,19 @@ def blank_absurd(table):
                                    'treated as missing')
 
 
-def _fill(table, name, values):
+def fill_rows(label, values):
     """Rows with a fill value, and a text that describes it.
 
-    A fill value is all nines (-99, 999.9), and farther from the other values than their range.
+    A fill value is all nines (-99, 999.9), and farther from the other values than their range, or
+    negative in all rows.
     """
-    sound = table.reasons == 0
-    there = np.unique(values[sound & np.isfinite(values)])
+    there = np.unique(values[np.isfinite(values)])
     for fill in (*there[:1], *there[-1:]):
         others, digits = there[there != fill], f'{abs(fill):g}'.replace('.', '')
-        if digits.startswith('99') and not digits.strip('9') and len(others) and (
-                np.abs(fill - others).min() > np.ptp(others)):
-            return sound & (values == fill), (f'{table.label(name)} is {fill:g} (the others '
-                                              f'{others[0]:.3g} to {others[-1]:.3g})')
+        if digits.startswith('99') and not digits.strip('9') and (
+                np.abs(fill - others).min() > np.ptp(others) if len(others) else fill < 0.0):
+            more = f' (the others {others[0]:.3g} to {others[-1]:.3g})' if len(others) else ''
+            return values == fill, f'{label} is {fill:g}{more}'
     return np.zeros(len(values), bool), ''
 
 

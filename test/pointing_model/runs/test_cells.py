@@ -115,6 +115,9 @@ def test_a_number_that_stands_for_none_is_interpolated(read, name, fill):
     assert run[key] == pytest.approx([float(cell) for cell in measured])
     assert any(f'{fill}' in note and 'in 2 of 8 rows' in note for note in run.meta['notes'])
     assert any('interpolated in time' in note for note in run.meta['notes'])
+    # where there is nothing else, only a number below zero is none
+    lone = read(text_of([(*row, fill) for row in ROWS], f'{HEADER},{name}'))
+    assert (key in lone) == fill.startswith('999')
     # one of a few kinds is one
     kinds = [('9' if i in (2, 5) else '1') for i in range(8)]
     run = read(text_of([(*row, cell) for row, cell in zip(ROWS, kinds)], f'{HEADER},filter'))

@@ -143,6 +143,24 @@ def test_a_bad_row_of_zeros_is_left_out_by_name(tmp_path, spoil, reason):
                                   whole.covariates['temperature'][kept])
 
 
+def test_what_was_not_measured_hides_no_cause(tmp_path, ended):
+    file, fill = tmp_path / 'zeros.csv', '2026-02-01T18:00:00,{},{},-999,5.0\n'
+    written(file, more=fill.format(1, 2) + fill.format(-999, -999))
+    code, out, err = ended('zeros', file, '--verbose')
+    out = ' '.join(out.split())
+    assert (code, err) == (0, '') and 'the zero changes with the temperature' in out
+    assert 'temperature_c is -999 (the others ' in out and 'in 2 of 14 rows: not measured' in out
+    assert 'caution: temperature is not known tonight: the prediction of azimuth is' in out
+    written(file, more='2026-02-01T18:00:00,,,283,5\n')
+    assert 'temperature (azimuth) of 283 is far outside what was measured' in ' '.join(
+        ended('zeros', file)[1].split())
+    written(file, slope=0.0)
+    rows = [line.split(',') for line in file.read_text().splitlines()[1:]]
+    file.write_text(HEADER + ''.join(
+        f'{row[0]},{float(row[1]) / 3600},{float(row[2]) / 3600},{row[3]},5\n' for row in rows))
+    assert 'arcsec: are they degrees?' in read_zeros(file)[2][0]
+
+
 def test_zeros_with_decimal_commas_are_the_same(tmp_path):
     plain, other = tmp_path / 'plain.csv', tmp_path / 'other.csv'
     plain.write_text('\n'.join([WITH_SIGMA, *map(','.join, rows_of_nights())]))

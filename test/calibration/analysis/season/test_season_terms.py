@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from places import DATA
 
+from calibration.analysis.finding import is_caution
 from calibration.analysis.season.season_analysis import analyse_season
 from calibration.analysis.season.season_causes import candidates, choose_causes
 from calibration.analysis.season.season_kalman import (
@@ -36,6 +37,7 @@ from calibration.report.wording import worded
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.pointing_terms import design
+from pointing_model.runs.columns.row_checks import Caution
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_reader import read_run
 
@@ -141,7 +143,10 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     assert found['step']['what'] == 'night 12'
     assert 'TF vs temperature' in found['column']['sentence']
     assert document['tonight']['terms_arcsec']['TF'] == pytest.approx(15.0, abs=5.0)
-    cold = analyse_season(nights)
+    cold, unknown = analyse_season(nights), analyse_season(nights, causes={'temperature': np.nan})
+    assert np.array_equal(cold.covariance, unknown.covariance) and cold.notes == unknown.notes
+    assert not judged.notes and 'of 283 is far outside what was measured' in worded(
+        analyse_season(nights, causes={'temperature': 283.0}).notes)[0]
     assert any('temperature of the coming night is unknown' in note
                for note in worded(cold.notes))
     assert abs(cold.mean[2] / ARCSEC) < 5.0
@@ -231,15 +236,21 @@ def test_nights_have_their_dates_and_say_what_is_left_out():
                          for name in two[0].columns}, meta={'notes': [], 'source': 'log.csv'})
     runs = [whole, run_of(rng, terms, source='run_2024-03-01T05-06-07.dat'),
             run_of(rng, terms, source='nameless.dat'),
-            run_of(rng, terms, count=4, source='run_2024-03-02.dat')]
+            run_of(rng, terms, count=4, source='run_2024-03-02.dat'),
+            run_of(rng, terms, 0.0, source='run_2024-03-03.csv'),  # seconds from its start
+            run_of(rng, terms, 0.0, source='clock.csv')]
+    for i, run in enumerate(runs[1:]):
+        run.meta['notes'].append(Caution(f'first in row {i}: kelvin?'))
     found = nights_of(runs, tuple(terms))
     assert [night.source for night in found.nights] == [
-        'log.csv (1)', 'log.csv (2)', 'run_2024-03-01T05-06-07.dat']
+        'log.csv (1)', 'log.csv (2)', 'run_2024-03-01T05-06-07.dat', 'run_2024-03-03.csv']
     assert found.nights[2].time == 1709269567.0
     assert found.nights[0].values / ARCSEC == pytest.approx(list(terms.values()), abs=4.0)
-    assert len(found.notes) == 2
-    assert 'nameless.dat: left out, no date' in worded(found.notes)[0]
-    assert '4 rows for 3 terms' in worded(found.notes)[1]
+    caution, *left = worded(found.notes)
+    assert caution == 'run_2024-03-01T05-06-07.dat and 4 more: first in row 0: kelvin?'
+    assert is_caution(caution) and len(left) == 3
+    assert 'nameless.dat: left out, no date' in left[0] and '4 rows for 3 terms' in left[1]
+    assert 'clock.csv: left out, no date' in left[2] and 'give UTC' in left[2]
     with pytest.raises(ValueError, match='a season takes three'):
         nights_of(runs[1:], tuple(terms))
     other = run_of(rng, terms, 1.7e9, source='b')

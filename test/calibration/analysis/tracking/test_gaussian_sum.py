@@ -78,8 +78,8 @@ def test_without_changes_it_is_the_posterior_of_all_observations_at_once(memory)
 def test_joined_histories_have_the_mean_and_covariance_that_they_had():
     rng = np.random.default_rng(2)
     hours, columns, values = observations(rng, 2)
-    jumps = [PossibleJump('first', np.eye(N)[0], 5.0, 0.5),
-             PossibleJump('second', np.eye(N)[1], 5.0, 0.5)]
+    jumps = [PossibleJump('first', np.eye(N)[:, :1], 5.0, 0.5),
+             PossibleJump('second', np.eye(N)[:, 1:2], 5.0, 0.5)]
     banks = [GaussianSum(np.zeros(N), np.eye(N), [0.1 * np.eye(N), np.eye(N)], jumps=jumps,
                         outliers=0.2,
                          outlier_sigma=4.0, depth=depth, most=999) for depth in (1, 99)]

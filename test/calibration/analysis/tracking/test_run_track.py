@@ -70,6 +70,14 @@ def test_each_star_counts_by_its_own_sigma():
     assert max(small, large) < 1.3 * right  # times what the fit finds
 
 
+def test_a_swing_in_the_first_rows_is_no_noise_of_stars():
+    run = rows(90, 11)
+    run.columns['el_enc'] = run['el_enc'] + 30.0 * ARCSEC * np.sin(np.arange(90) / 5.0)
+    missed = track_run(run, first=30).summary()['missed_rms_arcsec']
+    assert missed['model of the evening'] > 20.0 > 12.0 > missed['expected']
+    assert missed['tracked'] < 1.3 * missed['expected']
+
+
 def test_the_order_of_the_rows_is_that_of_their_times():
     run, order = drifting(), np.random.default_rng(4).permutation(60)
     one, other = track_run(run, MOUNT), track_run(run.select(order), MOUNT)

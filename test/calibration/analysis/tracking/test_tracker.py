@@ -85,19 +85,24 @@ def test_zeros_and_lean_are_followed_on_any_mount(mount):
     assert tracker.model().provenance['tracked']['stars'] == 30
 
 
-def test_a_jump_is_called_by_its_second_star_and_a_wrong_star_is_none():
+@pytest.mark.parametrize('jump, who', [
+    ({'IE': 25.0}, 'elevation'), ({'IE': 3600.0}, 'elevation'),
+    ({'IE': 25.0, 'IA': -30.0}, 'azimuth and elevation'),  # a restart: not wrong stars for ever
+    ({'IE': 600.0, 'IA': 900.0}, 'azimuth and elevation')])
+def test_a_jump_is_called_by_its_second_star_and_a_wrong_star_is_none(jump, who):
     sky, tracker = Sky(2), Tracker(model(), 0)
     said = {}
-    for k in range(24):
-        sky.added = {'IE': 25.0} if k >= 16 else {}
+    for k in range(36):
+        sky.added = jump if k >= 16 else {}
         heard = sky.tell(tracker, 10 * k * MINUTE, off=(60.0, -90.0) if k == 8 else (0.0, 0.0))
         said |= {k: worded(heard.events)} if heard.events else {}
         if k == 8:
             assert heard.chances['wrong star'] > 0.9
-    assert list(said) == [8, 17]
-    assert said[8][0].startswith('star 8 is a wrong star')
-    assert said[17][0].startswith('elevation: jumped before star 16')
-    assert abs(tracker.terms()[0]['IE'] / ARCSEC - TERMS['IE'] - 25.0) < 2.0
+    assert list(said) == [9, 17]
+    assert said[9][0].startswith('star 8 is a wrong star')
+    assert [text.split(' (')[0] for text in said[17]] == [f'{who}: jumped before star 16']
+    assert abs(tracker.terms()[0]['IE'] / ARCSEC - TERMS['IE'] - jump['IE']) < 2.0
+    assert tracker.consistency.noise == tracker.consistency.walk == 1.0
 
 
 @pytest.mark.parametrize('who, zero, difference', [
