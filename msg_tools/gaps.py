@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Counts lost messages by the sequence numbers of publishers."""
+"""Counts lost messages by the sequence numbers of publishers, live and in a log."""
 
 #: most jumps remembered that may turn out to be another publisher
 _JUMPS = 64
@@ -89,3 +89,33 @@ class SequenceGaps:
         if not self._next[old]:
             del self._next[old]
         self._next[new] = self._next.get(new, 0) + 1
+
+
+class LogGaps:
+    """What is missing in the sequence numbers of each topic of a log.
+
+    Parameters
+    ----------
+    latched : dict
+        Whether a topic is latched, by its key.
+    """
+
+    def __init__(self, latched):
+        self._topics = {key: SequenceGaps(value) for key, value in latched.items()}
+        self._last, self._increasing = 0, True
+
+    def add(self, key, number):
+        """Take the sequence number of the next message of the log."""
+        self._topics[key].add(number)
+        self._increasing = self._increasing and number > self._last
+        self._last = number
+
+    def counts(self, key):
+        """Numbers of lost messages and of publishers of a topic; (None, None) if unknown.
+
+        Some recorders number the messages of all topics in one series: that tells no loss.
+        """
+        one, several = self._topics[key], sum(bool(t.publishers) for t in self._topics.values()) > 1
+        if not one.publishers or (several and self._increasing):
+            return None, None
+        return one.gaps, one.publishers

@@ -20,7 +20,7 @@ import numpy as np
 
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.bag.topic_names import prefixes_of
-from msg_tools.gaps import SequenceGaps
+from msg_tools.gaps import LogGaps
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import ARCSEC
 
@@ -89,7 +89,7 @@ def _streams(bag, named, whole):
     """A row for each stream, and an evenly spaced, decoded sample of the error messages."""
     span = 0.0 if bag.start_time is None else (bag.end_time - bag.start_time) * 1e-9
     times = {name: [] for name in named}
-    gaps = {name: SequenceGaps(topic.latched) for name, (_, topic) in named.items()}
+    gaps = LogGaps({name: topic.latched for name, (_, topic) in named.items()})
     steps = {name: max(1, topic.count // _SIGMAS) for name, (what, topic) in named.items()
              if what.endswith('errors')}
     errors = []
@@ -98,20 +98,18 @@ def _streams(bag, named, whole):
         if name in steps and len(own) % steps[name] == 0:
             errors.append(bag.decode(message))
         own.append(message.log_time)
-        gaps[name].add(message.sequence)
+        gaps.add(name, message.sequence)
     out = []
     for name, (what, topic) in sorted(named.items(), key=lambda item: list(STREAMS.values()).index(
             item[1][0])):
         row = {'what': what, 'topic': name, 'count': topic.count, 'interval_s': None,
-               'longest_s': None, 'lost': None,
+               'longest_s': None, 'lost': gaps.counts(name)[0],
                'rate_hz': (topic.count - 1) / span if topic.count > 1 and span > 0.0 else None}
         if len(times[name]) > 1:
             intervals = np.diff(np.array(times[name], float)) * 1e-9
             moved = intervals[intervals > 0.0]  # a simulated clock gives many equal times
             if len(moved):
                 row.update(interval_s=float(np.median(moved)), longest_s=float(moved.max()))
-        if gaps[name].publishers:
-            row['lost'] = gaps[name].gaps
         out.append(row)
     return out, errors
 

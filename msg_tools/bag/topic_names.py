@@ -27,11 +27,21 @@ def prefixes_of(log):
     Returns
     -------
     list of str
+
+    Raises
+    ------
+    ValueError
+        Their messages are not encoded as those of ROS 2.
     """
     for of in (topics.OBSERVATION, topics.OBSERVATIONS):
         there = [topic for topic in log.topics
                  if topic.name.endswith(f'/{of.name}') and topic.type == of.type]
         filled = [topic for topic in there if topic.count]
+        for topic in filled:
+            encoding = log.schema_of(topic.name, topic.type)[1]
+            if encoding not in ('cdr', ''):
+                raise ValueError(f'{log.path}: the messages of {topic.name} are encoded as '
+                                 f'{encoding}; only those of ROS 2 (cdr) can be read: convert them')
         if there:
             return sorted({topic.name[:-len(of.name)] for topic in filled or there})
     return []

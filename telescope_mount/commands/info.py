@@ -79,20 +79,18 @@ def log_info(path, *, quick=False):
     from msg_tools.bag.losses import utc
     from msg_tools.bag.sqlite import open_bag
     bag = open_bag(path)
-    seen, odd = ({}, []) if quick else _read_through(bag)
+    seen, gaps, odd = ({}, None, []) if quick else _read_through(bag)
     span = 0.0 if bag.start_time is None else (bag.end_time - bag.start_time) * 1e-9
     topics = []
     for topic in sorted(bag.topics):
-        first, last, count, gaps = seen.get(
-            (topic.name, topic.type), (bag.start_time, bag.end_time, topic.count, None))
-        known = gaps is not None and gaps.publishers
+        key = topic.name, topic.type
+        first, last, count = seen.get(key, (bag.start_time, bag.end_time, topic.count))
+        lost, publishers = gaps.counts(key) if gaps else (None, None)
         between = (last - first) * 1e-9 if count > 1 else 0.0
         topics.append({
             'name': topic.name, 'type': topic.type, 'count': count if seen else topic.count,
             'rate_hz': (count - 1) / between if between > 0.0 else None,
-            'lost': gaps.gaps if known else None,
-            'publishers': gaps.publishers if known else None,
-            'latched': topic.latched})
+            'lost': lost, 'publishers': publishers, 'latched': topic.latched})
     return {
         'path': str(path), 'files': [file.name for file in bag.files],
         'size_bytes': sum(Path(file).stat().st_size for file in bag.files),
@@ -108,21 +106,21 @@ def log_info(path, *, quick=False):
 
 
 def _read_through(bag):
-    """(first, last log time, count, SequenceGaps) by topic and type; and problems, sentences."""
+    """(first, last log time, count) by topic and type; `LogGaps`; and problems, sentences."""
     from msg_tools.bag.file import attachment_data
     from msg_tools.bag.losses import counted, span
-    from msg_tools.gaps import SequenceGaps
-    latched = {(t.name, t.type): t.latched for t in bag.topics}
+    from msg_tools.gaps import LogGaps
+    gaps = LogGaps({(t.name, t.type): t.latched for t in bag.topics})
     seen, odd, parts, before = {}, [], [], None  # parts: times and numbers between long pauses
     twice, same = 0, set()  # same: messages of one time
     for message in bag.messages():
         key, now = (message.topic, message.type), message.log_time
         row = seen.get(key)
         if row is None:
-            row = seen[key] = [now, 0, 0, SequenceGaps(latched.get(key, False))]
+            row = seen[key] = [now, 0, 0]
         row[1] = now
         row[2] += 1
-        row[3].add(message.sequence)
+        gaps.add(key, message.sequence)
         if now != before:
             same.clear()
         one = hash((key, message.publish_time, message.sequence, message.data))
@@ -145,7 +143,7 @@ def _read_through(bag):
             attachment_data(attachment)
         except ValueError as error:
             odd.append(str(error))
-    return seen, odd
+    return seen, gaps, odd
 
 
 def info_parts(info, verbose=True, files=0):

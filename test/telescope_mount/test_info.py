@@ -61,6 +61,15 @@ def test_counts_rates_and_losses(log):
     assert info['size_bytes'] == (log / 'log_0.mcap').stat().st_size
 
 
+def test_one_series_of_numbers_over_all_topics_tells_no_loss(tmp_path):
+    with BagWriter(tmp_path / 'log') as writer:
+        for name in ('/a', '/b'):
+            writer.add_foreign_topic(name, 'std_msgs/msg/Int32', [], DEFINITION, '')
+        for i in range(1, 30):
+            writer.write('/b' if i % 3 else '/a', number(i), START + i * 10**7, START, i)
+    assert [row['lost'] for row in log_info(tmp_path / 'log')['topics']] == [None, None]
+
+
 def test_quick_reads_no_message(log):
     file = log / 'log_0.mcap'
     data = bytearray(file.read_bytes())

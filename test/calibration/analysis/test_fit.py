@@ -272,6 +272,10 @@ def test_too_few_rows(n):
     run = make_run(np.random.default_rng(13))
     with pytest.raises(ValueError, match=f'{n} usable observations'):
         fit_terms(run.select(slice(0, n)))
+    run = run.select(slice(0, 8))
+    run.columns['run'] = np.arange(8.0)
+    with pytest.raises(ValueError, match='7 coefficients and the zeros of 8 power-ons; observe more'):
+        fit_terms(run, run_zeros=True)
 
 
 def test_bad_arguments():

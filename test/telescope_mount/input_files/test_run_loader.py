@@ -17,6 +17,7 @@
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from places import CASES
 
 from calibration.analysis.term_fit import fit_terms
@@ -245,6 +246,19 @@ def test_a_log_of_any_namespace_is_read_and_one_of_two_mounts_is_refused(night, 
     for command in ('fit', 'verify', 'replay', 'diagnose'):
         assert 'observations of 2 mounts, /a/observation and /b/observation' in refused(
             command, log)
+
+
+def test_a_log_that_is_not_encoded_as_ros_2_is_named(tmp_path, refused):
+    with open(tmp_path / 'log.mcap', 'wb') as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema('sensor_msgs/msg/PointCloud2', 'jsonschema', b'{}')
+        channel = writer.register_channel('/mount/observation', 'json', schema)
+        writer.add_message(channel, 10**18, b'{}', 10**18)
+        writer.finish()
+    for command in ('fit', 'verify', 'replay', 'watch'):
+        assert 'of /mount/observation are encoded as json; only those of ROS 2' in refused(
+            command, tmp_path / 'log.mcap')
 
 
 def test_the_truth_is_refused(night):
