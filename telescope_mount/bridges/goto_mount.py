@@ -85,8 +85,8 @@ class GotoMount:
 
     Blocking work is done in its own thread; `step` is called often, by one thread. A protocol
     implements `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
-    ``believed``, ``axes``, ``place``, ``tracks``, ``taken_up``, ``beyond``, ``side``, ``slewing``,
-    ``parked``, ``takes_rates``, ``turn``, ``goto``, ``abort`` and ``prepare``, see
+    ``believed``, ``doubt``, ``axes``, ``place``, ``tracks``, ``taken_up``, ``beyond``, ``side``,
+    ``slewing``, ``parked``, ``takes_rates``, ``turn``, ``goto``, ``abort`` and ``prepare``, see
     `indi_telescope.IndiTelescope`.
 
     Parameters
@@ -434,7 +434,7 @@ class GotoMount:
             return self._beside, False
         telescope = self.telescope
         if telescope is not None and telescope.believed:
-            return NO_AXES, False
+            return '. '.join(filter(None, (telescope.doubt, NO_AXES))), False
         return '', False
 
     def details(self):

@@ -57,7 +57,8 @@ REMEDIES = {
     'zero': 'home it, or power it off and on, and set the zero anew: it has changed. '
             'Look at its head, disc and cable',
     'motion': 'look at brakes, limits, joint names and signs (telescope-mount check-drivers)',
-    'sign': 'its signs, rotation or scale are wrong: telescope-mount check-drivers --nudge',
+    'sign': 'its signs, rotation or scale are wrong, or its images are old: '
+            'telescope-mount check-drivers --nudge',
     'slow': 'nothing to do, or shorten the exposure',
     'blank': 'look at clouds, cover, focus, exposure, the size of the field, site and clock',
 }

@@ -32,6 +32,8 @@ from ..connection import BridgeError
 KINDS = {0: 'altaz', 1: 'equatorial', 2: 'german'}
 #: EquatorialSystem values of places of date; 0 is 'other', of unspecific drivers
 OF_DATE = (0, 1)
+OTHER = ('the driver does not say the equinox of its places (EquatorialSystem 0): they are taken as '
+         'of date; if they are of J2000, they are up to 0.4 deg off')
 #: SideOfPier: pierEast points west, without going through the pole; -1 is unknown
 SIDES = {0: 'pierEast', 1: 'pierWest'}
 #: properties polled at each tick
@@ -92,6 +94,7 @@ class AlpacaTelescope:
             self._device = Telescope(f'{host}:{port}', number)
         self.device = f'telescope {number} of {host} port {port}'
         self._state, self._received = {}, 0
+        self.doubt = ''  # what its answers leave open
         self._at_once = True  # whether the server gives all properties in one answer
 
     def ask(self, name, default=None):
@@ -248,6 +251,7 @@ class AlpacaTelescope:
         if system not in OF_DATE:
             raise AlpacaError(f'{self.device} uses another equinox (EquatorialSystem '
                               f'{system}): set it to topocentric coordinates')
+        self.doubt = OTHER * (system == 0)
         if not self.ask('CanSlewAsync', False):
             raise AlpacaError(f'{self.device} cannot slew (CanSlewAsync is false)')
         if site is not None:

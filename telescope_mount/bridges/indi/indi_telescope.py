@@ -110,6 +110,8 @@ class IndiTelescope:
         Whether it is an alt-azimuth mount.
     """
 
+    doubt = ''
+
     def __init__(self, client, device, axes='', altaz=False):
         self.client, self.device, self._rates = client, device, np.zeros(2)
         self._reported = altaz and not axes

@@ -139,8 +139,10 @@ def test_it_is_unparked_tells_its_position_is_pointed_and_stopped():
 
 
 def test_a_german_mount_is_read_by_its_side_of_the_pier():
-    with Server(AlignmentMode=2, SideOfPier=1) as server, Bench(server.port, GERMAN) as bench:
+    with Server(AlignmentMode=2, SideOfPier=1, EquatorialSystem=0) as server, (
+            Bench(server.port, GERMAN)) as bench:
         bench.until(lambda: bench.last)
+        assert bench.driver.state()[0].startswith('the driver does not say the equinox')
         assert bench.last[1][1] / DEG == pytest.approx(120.0)
         assert bench.driver.details()[2] == ('side of the pier', 'pierWest')
     with Server(AlignmentMode=2, SideOfPier=-1) as server, Bench(server.port, GERMAN) as bench:
