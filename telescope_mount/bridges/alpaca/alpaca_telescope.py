@@ -32,8 +32,8 @@ from ..connection import BridgeError
 KINDS = {0: 'altaz', 1: 'equatorial', 2: 'german'}
 #: EquatorialSystem values of places of date; 0 is 'other', of unspecific drivers
 OF_DATE = (0, 1)
-OTHER = ('the driver does not say the equinox of its places (EquatorialSystem 0), taken as of date. '
-         'Places of J2000 would be up to 0.4 deg off')
+OTHER = ('the driver does not say the equinox of its places (EquatorialSystem 0): taken as of '
+         'date. Places of J2000 would be up to 0.4 deg off')
 #: SideOfPier: pierEast points west, without going through the pole; -1 is unknown
 SIDES = {0: 'pierEast', 1: 'pierWest'}
 #: properties polled at each tick
