@@ -447,6 +447,7 @@ def main():
 def be_child(what, *args):
     """Run as the child given by `--child`."""
     if what == 'drive':
+        del sys.argv[1:4]  # a node takes ROS arguments only
         drive(args[0])
     elif what == 'flood':
         flood(int(args[0]), int(args[1]), float(args[2]), float(args[3]))

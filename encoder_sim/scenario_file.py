@@ -288,9 +288,9 @@ def _read(text):
         return path.stem, text, path.read_text(encoding='utf-8')
     if text not in scenario_names():
         near = get_close_matches(text, scenario_names(), 1)
-        raise ValueError(f'no scenario {text!r}'
-                         + (f'; did you mean {near[0]}? (list names all)' if near else
-                            f': give a .yaml file or one of {", ".join(scenario_names())}'))
+        hint = f'did you mean {near[0]}?' if near else 'give a .yaml file or a name'
+        raise ValueError(f'no scenario {text!r}; {hint} (telescope-mount night --scenario list '
+                         'prints all)')
     file = f'{text}.yaml'
     return text, file, (_FOLDER / file).read_text(encoding='utf-8')
 

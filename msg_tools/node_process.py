@@ -33,6 +33,7 @@ import rclpy
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from .executor import NodeExecutor
 from .node import MountNode
@@ -47,7 +48,7 @@ TURN = 4.0
 FOLDER = '/dev/shm'
 
 
-def run_node(make_node, args=None):
+def run_node(make_node):
     """Run a node until Ctrl-C, SIGTERM, SIGHUP or shutdown.
 
     Parameters
@@ -62,15 +63,28 @@ def run_node(make_node, args=None):
     int
         Exit code: 0 after a clean end, 1 if a file of the node is incomplete, 2 for invalid input.
     """
-    if isinstance(make_node, type) and {'-h', '--help'} & set(args or sys.argv[1:]):
-        from .node_help import node_help, wants_help
-        if wants_help(args or sys.argv[1:]):
-            print(node_help(make_node), end='')
-            return 0
-    return run_nodes([make_node], args)
+    if isinstance(make_node, type):
+        if {'-h', '--help'} & set(sys.argv[1:]):
+            from .node_help import node_help, wants_help
+            if wants_help(sys.argv[1:]):
+                print(node_help(make_node), end='')
+                return 0
+        if wrong := _ignored_words():
+            return _error(f'{wrong}; write --ros-args -p PARAMETER:=VALUE --params-file FILE')
+    return run_nodes([make_node])
 
 
-def run_nodes(makers, args=None):
+def _ignored_words():
+    """Why ROS would ignore or refuse words of the command line; '' if it takes all."""
+    try:
+        words = remove_ros_args()[1:]
+    except RuntimeError as err:
+        # only the first sentence of rcl's own text is for the user
+        return str(err).split(', at /')[0].strip('[]')
+    return f'{" ".join(words)} would be ignored' if words else ''
+
+
+def run_nodes(makers):
     """Run nodes in this process with one executor for all; see `run_node`.
 
     Parameters
@@ -90,7 +104,7 @@ def run_nodes(makers, args=None):
     on_end(lambda *_: ended.append(True))
     try:
         check_open_files()
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         running = True
         for make in makers:
             nodes.append(make())
@@ -192,7 +206,7 @@ def node_of(module):
 
 def main():
     """Run the nodes of the modules in the first argument."""
-    nodes = [node_of(module) for module in sys.argv[1].split(',')]
+    nodes = [node_of(module) for module in sys.argv.pop(1).split(',')]
     sys.exit(run_nodes(nodes) if len(nodes) > 1 else run_node(*nodes))
 
 

@@ -33,11 +33,6 @@ COMMANDS = ('night', 'observe', 'watch', 'check_drivers', 'guard', 'lifecycle', 
             'encoder_test', 'completion')
 #: modules of the commands that reproduce the papers
 PAPERS = {name: f'papers.{name}_command' for name in ('experiment', 'encoder_test')}
-#: renamed options: command and old name -> new name
-RENAMED = {
-    ('diagnose', '--driver'): '--cause', ('season', '--driver'): '--cause',
-    ('solve', '--mount'): '--keywords', ('replay', '--out'): '--save',
-}
 
 
 class _Parser(argparse.ArgumentParser):
@@ -99,21 +94,25 @@ def parsed(argv):
     if '_ARGCOMPLETE' in os.environ:
         import argcomplete
         argcomplete.autocomplete(parser, always_complete_options=False)
-    args, unknown = parser.parse_known_args(json_given(argv))
+    words = json_given(argv)
+    args, unknown = parser.parse_known_args(words)
+    if not unknown:
+        return args
+    own = next(a.choices for a in parser._actions if a.dest == 'command')[args.command]
+    if len(own._get_positional_actions()) > 1:  # its last word may stand behind an option
+        args, unknown = own.parse_known_intermixed_args(
+            words[1:], argparse.Namespace(command=args.command))
     if unknown:  # of the command, whose own help lists its options
-        _refuse(parser, args.command, unknown)
+        _refuse(own, unknown)
     return args
 
 
-def _refuse(parser, command, unknown):
-    """Exit with a message about options unknown to a command, and a hint."""
-    own = next(a.choices for a in parser._actions if a.dest == 'command')[command]
+def _refuse(own, unknown):
+    """Exit with a message about options unknown to the parser of a command, and a hint."""
     options = [text for action in own._actions for text in action.option_strings]
     first = unknown[0].partition('=')[0]
     hint = ''
-    if (command, first) in RENAMED:
-        hint = f'; it is called {RENAMED[command, first]}'
-    elif first.startswith('-'):
+    if first.startswith('-'):
         hint = _meant(first, options)
     elif first.lower().endswith(('.json', '.txt')) and '--json' in options:
         hint = '; a file for --json has a name that ends in .json'

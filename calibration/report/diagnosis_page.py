@@ -54,7 +54,7 @@ def render(view, files=None):
             page.Paragraph(summary.numbers and f'RMS on the sky, {summary.validation}.', 'note'),
             sky_maps(data, largest_effect(view))], view.badge[1], view.badge[0]),
         errors_section(summary.effects, page.SentenceList([*summary.cautions, summary.todo]),
-                       'Largest errors' if summary.effects else 'Cautions'),
+                       'Largest errors' if summary.effects else 'Cautions and limits'),
         page.Section('Outliers', tables.outliers(document)),
         page.FoldedSection('Evidence', [tables.evidence(view), page.Table(
             ('error', 'limit'), view.limits, 'numbers', 'Detection limits')]),

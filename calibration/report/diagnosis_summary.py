@@ -28,9 +28,9 @@ from .noise_wording import axes_sentence, is_headline, noise_caution, scatter_se
 from .observation_wording import place_words, proposals
 from .period_wording import PHASE
 from .row_wording import bad_nights, far_text, left_out_lines
-from .verdict_wording import short_headline, slow_is_largest
+from .verdict_wording import limits_sentence, short_headline, slow_is_largest
 
-MOST_OUTLIERS, _REASONS = 3, 2
+MOST_OUTLIERS, _REASONS, _LIMITS = 3, 2, 4
 #: reasons of excluded rows that are reported elsewhere
 _EXPLAINED = ('outlier', 'commented out')
 
@@ -52,7 +52,7 @@ class DiagnosisSummary:
     cautions : list of str
         Reasons to doubt the result.
     todo : str
-        What to observe next, or that no observation helps.
+        What to observe next, or that no observation helps; detection limits if nothing was found.
     """
 
     headline: str
@@ -88,7 +88,7 @@ def summary_of(document, names, reaches, cautions=()):
         short_headline(document, effects),
         [(way_size(value), word) for value, word in numbers if value is not None],
         label, effects, [*filter(None, cautions), *_cautions(document)],
-        '' if stays else _todo(document))
+        limits_sentence(document, _LIMITS) if stays else _todo(document))
 
 
 def _terms(document):

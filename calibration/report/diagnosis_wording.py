@@ -52,11 +52,8 @@ def limit_rows(document):
     """Effects and their detection limits, pairs of str."""
     words = limit_words(kind_of(document))
     return [(words[row['name']],
-             f'{row["amplitude_arcsec"]:.2f}{_UNITS.get(row["unit"], "″")}')
+             arcsec(row['amplitude_arcsec']) + row['unit'].removeprefix('arcsec'))
             for row in document.get('detectable') or ()]
-
-
-_UNITS = {'arcsec/h': '″/h', 'arcsec/K': '″/K', 'arcsec/run': '″/run'}
 
 
 def _undecided(found):

@@ -21,7 +21,7 @@ from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import kind_of
 
 from .cause_wording import counted, first_check, open_causes
-from .diagnosis_wording import limit_words
+from .diagnosis_wording import limit_rows
 from .figure_wording import STAYS, best_pair, beyond, figures_sentence, repeat_sentence, way
 from .implausible_wording import implausible_term
 from .noise_wording import (
@@ -214,7 +214,7 @@ def _nothing(document, caution, odd, last):
             f'{row["name"]}, which is {"negative" if row["what"] == "sign" else "too large"}'
             for row in document['unphysical'])
     return (headline, [*odd, caution or looks, unequal if caution else ''],
-            ['The model stays as it was.', *_detectable(document), *last])
+            ['The model stays as it was.', limits_sentence(document), *last])
 
 
 def _by_size(document, effects):
@@ -307,15 +307,10 @@ def count_sentence(document):
     return f'{text}.'
 
 
-def _detectable(document):
-    """The detection limits in one sentence; empty if there are none."""
-    limits, words = [], limit_words(kind_of(document))
-    for row in (document.get('detectable') or [])[:_MOST_NAMED]:
-        unit = {'arcsec/h': ' an hour', 'arcsec/K': ' a degree',
-                'arcsec/run': ' over the run'}.get(row['unit'], '')
-        what = words[row['name']]
-        limits.append(f'{what[:1].upper()}{what[1:]}: {arcsec(row["amplitude_arcsec"])}{unit}.')
-    return [' '.join(['Detection limits (90 %):', *limits])] if limits else []
+def limits_sentence(document, most=_MOST_NAMED):
+    """The first `most` detection limits in one sentence; empty if there are none."""
+    limits = '; '.join(f'{what} {limit}' for what, limit in limit_rows(document)[:most])
+    return f'Detection limits (90 %): {limits}.' if limits else ''
 
 
 def _correlation(document):

@@ -211,6 +211,9 @@ def _read_table(path, encoder):
         cells = [cell.strip() for cell in body[0][1].split(delimiter)] if body else []
         if len(cells) > 3 and sum(map(is_number, cells)) >= 4 and (delimiter or len(body) > 1):
             raise ValueError(hints.without_header(path, body, delimiter))
+    if path.suffix.lower() == '.json':
+        raise ValueError(f'{path} is not a pointing run: apply, bolts, export --to and the option '
+                         '--base take models')
     raise ValueError(f'{path} is not a pointing run: expected '
                      f'{", ".join(one.wording for one in FORMATS)}, or the YAML of a folder of '
                      'solved images')

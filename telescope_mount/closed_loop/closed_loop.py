@@ -161,7 +161,7 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
     """
     chosen = [name for name in scenario_names() if fnmatchcase(name, names)]
     if not chosen:
-        raise ValueError(f'no scenario {names!r}: there are ' + ', '.join(scenario_names()))
+        raise ValueError(f'no scenario {names!r}; --scenario list prints their names')
     folder = prepare_folder(out)
     reports = []
     for name in chosen:

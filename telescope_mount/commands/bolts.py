@@ -100,9 +100,7 @@ def run(args):
     if args.live is not None:
         from ..live_bolts import live
         return live(args)
-    for name in ('keywords', 'solver', 'scale'):
-        if getattr(args, name) is not None:
-            raise ValueError(f'--{name} needs --live FOLDER')
+    options.refuse(args, 'needs --live FOLDER', keywords=None, solver=None, scale=None)
     if args.file is None:
         raise ValueError('give a model or a run; or a folder of images with --live')
     from calibration.report.terminal_layout import layered

@@ -60,16 +60,26 @@ def run(args):
     from calibration.report.row_wording import expected_sentence, outlier_sentence, used_sentence
     from calibration.report.terminal_layout import layered
 
-    from ..closed_loop.closed_loop import ALL, close_all, close_the_loop
+    from ..closed_loop.closed_loop import (
+        ALL,
+        CHECK_EVERY,
+        CHECKED,
+        FITTED,
+        close_all,
+        close_the_loop,
+    )
     from ..closed_loop.loop_tables import all_table, loop_sentences, loop_tables, short_tables
+    from ..observing.plan import ZERO_EXPOSURES
     from .console import ProgressLine, end_of_night, new_console, print_all
     if options.is_list(args):
         return options.list_scenarios(args, 'loop_*', 'mount_*')
     if args.file is None:
-        for name in ('azimuth_origin', 'pressure', 'temperature', 'equinox'):
-            if getattr(args, name) not in (None, 'auto'):
-                raise ValueError(f'--{name.replace("_", "-")} applies to measured runs; leave it '
-                                 'out with a scenario')
+        options.refuse(args, 'applies to measured runs; leave it out with a scenario',
+                       azimuth_origin=None, pressure=None, temperature=None, equinox='auto',
+                       check_every=CHECK_EVERY)
+    else:
+        options.refuse(args, 'applies to simulated nights; leave it out with a run',
+                       stars=FITTED, polaris=ZERO_EXPOSURES, check=CHECKED, date='')
     chosen = {
         'seed': args.seed, 'stars': args.stars, 'polaris': args.polaris, 'check': args.check,
         'alpha': args.alpha, 'start_time': args.date, 'sky': options.sky_of(args),

@@ -76,7 +76,8 @@ def run(args):
     if args.to:
         _run_model(args, console)
         return
-    _refuse(args, ('sky', 'zero', 'side'), 'applies to models: name the program with --to')
+    options.refuse(args, 'applies to models: name the program with --to',
+                   sky=None, zero=None, side=None)
     if args.topics:
         files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
                                         start=args.start, end=args.end,
@@ -86,6 +87,8 @@ def run(args):
             console.print(f'{rows} rows: {path}', soft_wrap=True)
         write_outputs(console, args, {'files': files, 'problems': problems})
         return
+    options.refuse(args, 'applies to the tables of --topics; leave it out', format='csv')
+    options.check_target(args.out, ('.csv', '.parquet') if args.out.suffix else ())
     if not _same(args.out, args.file):
         options.refuse_existing(args.out, args)
     written = export_run(args.file, args.out, start=args.start, end=args.end,
@@ -103,15 +106,16 @@ def _run_model(args, console):
     """Write a model for another program, and report what it contains."""
     from .. import model_export
     from .console import write_json
-    _refuse(args, ('topics', 'start', 'end'), 'applies to runs; leave it out with --to')
+    options.refuse(args, 'applies to runs; leave it out with --to',
+                   topics=None, start=None, end=None)
     options.check_target(args.out)
     if not _same(args.out, args.file):
         options.refuse_existing(args.out, args)
     zero = args.zero or 'none'
     if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
         raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
-    if args.equinox != 'auto' and args.sky is None:
-        raise ValueError('--equinox applies to the run of --sky; leave it out')
+    if args.sky is None:
+        options.refuse(args, 'applies to the run of --sky; leave it out', equinox='auto')
     place = options.place_of(args) | {'mount': options.mount_of(args)}
     place['site'] = _whole_site(place.get('site'), args)
     written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
@@ -136,12 +140,6 @@ def _whole_site(site, args):
 
 def _same(path, other):
     return path.exists() and other.exists() and path.samefile(other)
-
-
-def _refuse(args, names, why):
-    for name in names:
-        if getattr(args, name) is not None:
-            raise ValueError(f'--{name} {why}')
 
 
 def export_run(source, path, *, start=None, end=None, **options):

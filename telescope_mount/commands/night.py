@@ -91,6 +91,7 @@ def run(args):
     from ..bridges.connection import PORTS
     from ..nights.server_night import EXPOSURE
     from ..nights.whole_night import run_night
+    from ..observing.plan import ZERO_EXPOSURES
     from .console import ProgressLine, end_of_night, new_console, print_calibration
     if options.is_list(args):
         return options.list_scenarios(args)
@@ -98,17 +99,14 @@ def run(args):
         raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
                          'power-on; leave one of them out')
     by_server = (args.mount or '').partition(':')[0] in PORTS
-    for name, value, usual in (
-            ('scenario', args.scenario, 'default'), ('absolute', args.absolute, 'angles'),
-            ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
-                                                   'incremental'), ('date', args.date, '')) \
-            if by_server else (('camera', args.camera, ''), ('driver', args.driver, []),
-                               ('exposure', args.exposure, EXPOSURE), ('anew', args.anew, False)):
-        if value != usual:
-            raise ValueError(f'--{name} applies to the simulated mount; leave it out with --mount '
-                             f'{args.mount.partition(":")[0]}:...' if by_server else
-                             f'--{name} needs a mount of a server: give --mount '
-                             'indi:HOST:PORT or alpaca:HOST:PORT')
+    if by_server:
+        options.refuse(args, 'applies to the simulated mount; leave it out with --mount '
+                       f'{args.mount.partition(":")[0]}:...', scenario='default',
+                       absolute='angles', time_scale=0.0, power_cycle='incremental', date='',
+                       polaris=ZERO_EXPOSURES)
+    else:
+        options.refuse(args, 'needs a mount of a server: give --mount indi:HOST:PORT or '
+                       'alpaca:HOST:PORT', camera='', driver=[], exposure=EXPOSURE, anew=False)
     calibration = options.harmonics_of(args)
     track = ', '.join(f'{verb} {text.replace(",", " ", 1)}' for verb, text in (
         ('track', args.track), ('pass', args.satellite_pass)) if text)

@@ -60,7 +60,10 @@ def add(commands):
 def run(args):
     """Observe, print, write."""
     from ..nights.real_night import run_real_night
+    from ..observing.plan import BLOCK_STARS
     from .console import ProgressLine, end_of_night, new_console, print_calibration
+    if args.plan:
+        options.refuse(args, 'applies without --plan; leave it out', stars=BLOCK_STARS)
     console = new_console()
 
     def hold_up(text):

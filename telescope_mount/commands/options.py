@@ -79,7 +79,7 @@ def whole(low, high):
 
 def real(low, high, unit=''):
     """A type for ``add_argument``: a number from `low` to `high`, in `unit`."""
-    return _within(float, low, high, f'{low:g} to {high:g} {unit}'.rstrip())
+    return _within(float, low, high, f'a decimal number, {low:g} to {high:g} {unit}'.rstrip())
 
 
 def _with_reason(parse):
@@ -200,6 +200,13 @@ def add_out(parser, default, what):
                         help=f'folder for {what} (default: {default})')
 
 
+def refuse(args, reason, **usual):
+    """Refuse options that differ from their `usual` values, as they would do nothing."""
+    for name, value in usual.items():
+        if getattr(args, name) != value:
+            raise ValueError(f'--{name.replace("_", "-")} {reason}')
+
+
 def harmonics_of(args):
     """Parameters of the calibration from the options of harmonics.
 
@@ -236,8 +243,8 @@ def check_mount(args, path, mount):
     if other or mount.celestial and args.latitude is not None and abs(
             args.latitude - degrees(mount.latitude)) > SITE['latitude_deg'].same:
         latitude = f', latitude {degrees(mount.latitude):.4f} deg' if mount.celestial else ''
-        raise ValueError(f'{path} is of a mount that is {mount.kind}{latitude}: leave --mount '
-                         'and --latitude (in a table its comments) out, or fit its run anew')
+        raise ValueError(f'{path} is a model of a mount that is {mount.kind}{latitude}: leave out '
+                         '--mount, --latitude and comments of the table that name another')
 
 
 def given_site(args):

@@ -63,7 +63,7 @@ def test_there_and_back_with_the_columns_of_the_file(ended, model, tmp_path):
     assert err == ('note: zero applied, run 2: azimuth +110.00, elevation -40.00 arcsec\n')
     there = tmp_path / 'there.csv'
     there.write_text(out)
-    assert ended('apply', path, there, '--reverse', '--out', tmp_path / 'back.csv')[:2] == (0, '')
+    assert ended('apply', path, '--reverse', there, '--out', tmp_path / 'back.csv')[:2] == (0, '')
     back = table((tmp_path / 'back.csv').read_text())
     for one, row in zip(back, rows):
         assert float(one['az_model_deg']) == pytest.approx(float(row['az_deg']), abs=1e-9 / 3600)
@@ -350,7 +350,7 @@ def test_comments_above_a_table_of_directions_declare(ended, model, tmp_path):
     ('ra_deg,dec_deg\n1,95\n', ['--time', '2026-01-15T13:00:00Z'], "'95' is no such angle"),
     ('az_deg,el_deg\n1,2\n', ['--equinox', 'date'], 'apply to ra_deg'),
     ('az_deg,el_deg\n1,2\n', ['--pressure', '700'], 'apply to ra_deg'),
-    ('# mount: german\naz_deg,el_deg\n1,2\n', [], 'is of a mount that is altaz'),
+    ('# mount: german\naz_deg,el_deg\n1,2\n', [], 'is a model of a mount that is altaz'),
     ('# frame: tomorrow\naz_deg,el_deg\n1,2\n', [], "row 1: frame 'tomorrow' is unknown"),
 ])
 def test_places_of_the_sky_need_time_and_site(refused, model, tmp_path, text, options, words):

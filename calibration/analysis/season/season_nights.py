@@ -143,7 +143,8 @@ def nights_of(runs, names=None, columns=()):
     if missing:
         raise ValueError(f'no run has a column {", ".join(sorted(missing))}')
     if len(found) < 3:
-        raise ValueError(f'{len(found)} nights with a date and enough stars; a season takes three: '
+        raise ValueError('a season takes three nights with a date and enough stars, not '
+                         f'{len(found)}: '
                          + ('; '.join(_reason(note) for note in notes[:3]) or 'give more runs'))
     found.sort(key=lambda night: night.time)
     notes = [*_cautions(runs), *notes, *ColumnCheck.of(checked).doubts(mount.names)]

@@ -23,6 +23,7 @@ from calibration.analysis.diagnosis.observations import observations
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.estimation.chance import Chance
 from calibration.estimation.select import search
+from calibration.report.diagnosis_summary import summary_of
 from calibration.report.verdict_wording import verdict_sentences
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
@@ -83,5 +84,7 @@ def test_what_would_have_been_found_is_said():
     headline, sentences = verdict_sentences(document)
     assert headline == 'No significant error'
     assert sentences[2].startswith('Detection limits (90 %): ')
-    assert f'drift: {drift["amplitude_arcsec"]:.2f}″ an hour' in sentences[2]
+    assert f'drift {drift["amplitude_arcsec"]:.2f}″/h' in sentences[2]
+    first = summary_of({**document, 'runs': 1}, (), ()).todo  # of terminal and page
+    assert first.count(';') == 3 and sentences[2].startswith(first.removesuffix('.'))
     assert verdict_sentences({**document, 'detectable': None})[1][1].startswith('The model')
