@@ -55,6 +55,8 @@ _RUNS = (10, 40, 350)
 _LEAST_RATIO = 10.0
 #: part of the largest gain: a step is located between the moments around it with less
 _NEAR = 0.5
+#: visits of a place one after the other that go on in one direction are a track (2 in 5! by chance)
+_TRACKED = 5
 #: least contrast of a step within places, squared and summed over all of them
 _STRADDLE = 2.0
 #: variances of the process over that of the white noise of a visit; its correlation times as parts
@@ -115,6 +117,7 @@ class Revisits:
         Effect of a unit shift of each axis on `value`, such as cos E for an azimuth.
     group : ndarray of int, shape (n,), optional
         Rows with one number are one visit: exposures of a star within minutes share their errors.
+        So are all rows of a star that is tracked through a place.
     side : ndarray of int, shape (n,), optional
         Rows with different numbers, such as the side of the pier, are of different places.
     zero : ndarray of int, shape (n,), optional
@@ -143,15 +146,17 @@ class Revisits:
         first, visit = np.unique(group, return_index=True, return_inverse=True)[1:]
         when = np.bincount(visit, position) / np.bincount(visit)
         order = np.argsort(when, kind='stable')
-        self._visit, self._order = visit, order
+        direction = direction[:, first[order]]
+        place = _places(direction, side[first[order]], radius)
+        began = _begins(direction, place)
+        visit = (np.cumsum(began) - 1)[np.argsort(order)][visit]
+        self._visit, self.place = visit, place[began]
         self._zero = np.zeros(n, int) if zero is None else zero
         self.zeros = len(np.unique(self._zero))
         design = np.ones((2, 1, n)) if design is None else np.array(design)
         self._of_rows = position, design, factor, value
-        self.rows = [np.flatnonzero(visit == k) for k in order]
-        self.position, self._design, self._factor, self._value = when[order], *map(
-            self._mean, self._of_rows[1:])
-        self.place = _places(direction[:, first[order]], side[first[order]], radius)
+        self.rows = [np.flatnonzero(visit == k) for k in range(len(self.place))]
+        self.position, self._design, self._factor, self._value = map(self._mean, self._of_rows)
         self.again = _thinned(self.place, np.bincount(self.place)[self.place] > 1)
         self._own = np.unique(self.place[self.again], return_inverse=True)[1]
 
@@ -159,8 +164,8 @@ class Revisits:
         """Mean over the rows of each visit, shape (..., m)."""
         flat = values.reshape(-1, values.shape[-1])
         count = np.bincount(self._visit)
-        return np.array([np.bincount(self._visit, one) / count for one in flat])[
-            :, self._order].reshape(*values.shape[:-1], -1)
+        return np.array([np.bincount(self._visit, one) / count for one in flat]).reshape(
+            *values.shape[:-1], -1)
 
     @property
     def places(self):
@@ -418,6 +423,19 @@ def _places(direction, side, radius):
         else:
             out[i], centres[count], sides[count] = count, one, side[i]
             count += 1
+    return out
+
+
+def _begins(direction, place):
+    """Whether a visit is no continuation of that before, of a star tracked through a place.
+
+    There direction and time go together: neither a drift nor a worm is a step between visits.
+    """
+    out = np.ones(len(place), bool)
+    for stay in np.split(np.arange(len(place)), np.flatnonzero(np.diff(place)) + 1):
+        way = direction[:, stay]
+        if len(stay) >= _TRACKED and ((way[:, -1] - way[:, 0]) @ np.diff(way) > 0.0).all():
+            out[stay[1:]] = False
     return out
 
 

@@ -344,6 +344,9 @@ KINDS = {
         f'{found["where"]}{", or ".join(found.causes)} would fit to {found.after:.1f} arcsec, the '
         f'seven terms to {found.before:.1f}. Check the {found["what"]}; an effect beyond the terms '
         'can also cause this'),
+    'coarse columns': lambda found: (
+        f'Angles of the file are in steps of {arcsec(found.size)}: that alone is '
+        f'{arcsec(found.after)} RMS. Write more digits, or read the encoders finer'),
     'star measured again': lambda found: (
         f'{found["word"]}s {"; ".join(map(_together_again, found["rows"]))} are repeated '
         'measurements of one star. They stay together in cross-validation. Their '

@@ -36,6 +36,7 @@ FEW = 6  # fewest rows for a fit of seven terms
 _TRIED = 16  # largest number of readings with two mistakes that are fitted
 _CLOCKS = 4  # largest number of other clocks and sites that are fitted
 _STEEPEST = 20.0 * DEG  # no mount has larger terms, except for the zeros
+_SYNCED = 5.0 * DEG  # largest usual offset of a mount that is synchronised on each star
 _HALF_A_QUARTER = 45.0 * DEG  # a larger zero of the second axis is another reading
 _LIMITS = (-5.0 * DEG, 90.1 * DEG)
 _HOPELESS = 5.0 * DEG  # first-order residual far above what large terms cause
@@ -254,6 +255,7 @@ class ReadingFits:
         names = reading.encoders
         return not (
             'ascension' in (*names, *reading.catalogue) and 'hours' in (*names, *reading.catalogue)
+            or 'synced' in names and np.median(np.hypot(wrap(az_enc - az), el_enc - el)) > _SYNCED
             or 'unturned' in names and not beyond.any()
             or 'folded' in names and abs(np.exp(1j * (az_enc - az)).mean()) > _ONE_SIDE
             or 'sideless' in names and (beyond.any() or self.rows.beyond is not None

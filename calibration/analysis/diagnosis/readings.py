@@ -23,6 +23,7 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ, is_beyond, through_pole
 
 _CATALOGUE, _ENCODERS, _BOTH = 'of the catalogue', 'of the encoders', 'of catalogue and encoders'
+_SYNCED = 'offsets added up from star to star'
 #: mistakes in one pair of columns, in the order of correction: text (with the names of the axes),
 #: function from (az, el) as written to the true (az, el), and scale factors of both angles
 _MISTAKES = {
@@ -41,6 +42,7 @@ _MISTAKES = {
     'negative': ('{e} {of} with the other sign', lambda a, e: (a, -e), (1.0, 1.0)),
     'zenith': ('{d} in place of the {e} {of}',
                lambda a, e: (a, 0.5 * np.pi - e), (1.0, 1.0)),
+    'synced': (_SYNCED, None, (1.0, 1.0)),
     # mounts that go through the pole
     'unturned': ('{e} {of} beyond 90 degrees with the {a} of the star, not 180 degrees on',
                  lambda a, e: (np.where(is_beyond(e), a + np.pi, a), e), (1.0, 1.0)),
@@ -69,7 +71,8 @@ _GIVEN = {
     'negative': ('column x_arcsec or y_arcsec with the other sign', lambda x, y, _: (-x, y), 0),
     'exchanged': ('columns x_arcsec and y_arcsec exchanged', lambda x, y, _: (y, x), 0),
     'turned': ('columns x_arcsec and y_arcsec exchanged, one of them with the other sign',
-               lambda x, y, _: (y, -x), 0)}
+               lambda x, y, _: (y, -x), 0),
+    'synced': (_SYNCED, lambda x, y, c: (c * np.cumsum(x / c), np.cumsum(y)), 0)}
 
 
 @dataclass(frozen=True)
@@ -114,8 +117,19 @@ class Reading:
     offsets: str = ''
     exchanged: bool = False
     given: str = ''
-    #: not a change of clock or site; what is wrong, and what to do
-    elsewhere, kind, advice = False, 'columns', 'set the columns right'
+    #: not a change of clock or site
+    elsewhere = False
+
+    @property
+    def kind(self):
+        """What is wrong."""
+        return 'syncs' if 'synced' in (self.given, *self.encoders) else 'columns'
+
+    @property
+    def advice(self):
+        """What to do."""
+        return ('observe without synchronising, or add up the offsets' if self.kind == 'syncs'
+                else 'set the columns right')
 
     @property
     def mistakes(self):
@@ -167,6 +181,9 @@ class Reading:
             az_enc, el_enc, scale = _set_right(az_enc, el_enc, self.encoders)
             if 'folded' in self.encoders:
                 el_enc = np.where(np.cos(az_enc - az) < 0.0, np.pi - el_enc, el_enc)
+            if 'synced' in self.encoders:
+                az_enc, el_enc = (one + np.cumsum(wrap(read - one))
+                                  for one, read in ((az, az_enc), (el, el_enc)))
             if 'sideless' in self.encoders:
                 az_enc, el_enc = through_pole(az_enc, el_enc, np.sin(az) < 0.0)
         return Places(az, el, az_enc, el_enc, scale * np.abs(reach) * np.ones(len(az)))
@@ -320,6 +337,7 @@ def single_readings(held=False, mount=ALTAZ, lst=False):
     pairs = (*_OF_PAIRS, *(['ascension'] if lst and mount.celestial else []))
     out = [Reading(*pair) for name in pairs
            for pair in (((name,), ()), ((), (name,)), ((name,), (name,)))]
+    out.append(Reading((), ('synced',)))
     if not mount.vertical:
         out += [Reading((), (name,)) for name in ('unturned', 'folded', 'sideless')]
     return [*out, *(Reading(offsets=name) for name in _OFFSETS), Reading(exchanged=True)]

@@ -104,6 +104,14 @@ def test_a_zero_that_wanders_has_moved_but_in_no_step(curve):
     assert sum(visits.at_once for visits in every) <= 1
 
 
+def test_a_worm_on_a_tracked_star_is_no_step_between_visits():
+    time = 10.0 * np.arange(720.0)
+    az = 7.3e-5 * time
+    direction = np.array([np.sin(az), np.cos(az), 0.5 + 0.0 * az])
+    value = np.random.default_rng(1).normal(size=(2, 720)) + [12.0 * np.sin(180.0 * az), 0.0 * az]
+    assert Revisits(direction / np.hypot(1.0, 0.5), time, value, SAME_PLACE).move is None
+
+
 def test_exposures_of_one_visit_are_no_second_visit():
     direction = np.tile(np.array([[0.0], [0.6], [0.8]]), 24)
     value = np.random.default_rng(5).normal(size=(2, 24))
