@@ -122,7 +122,7 @@ def polar_axis(model, refraction=0.0):
     """
     mount = model.mount
     if not mount.celestial:
-        raise ValueError(f'a mount that is {mount.kind} has no polar axis')
+        raise ValueError(f'{mount.names.words} has no polar axis')
     tilts, covariance = _of(model, ('MA', 'ME'))
     if np.pi / 2.0 - abs(mount.latitude) < _POLAR:
         raise ValueError('within a degree of a pole of the Earth no bolt in azimuth moves the axis')
@@ -260,7 +260,7 @@ def foot_lifts(model, radius, azimuths):
         Another mount, AN or AW not fitted or undetermined, fewer than three feet.
     """
     if not model.mount.vertical:
-        raise ValueError(f'a mount that is {model.mount.kind} stands on bolts, not on feet: this '
+        raise ValueError(f'{model.mount.names.words} stands on bolts, not on feet: this '
                          'is of alt-azimuth mounts')
     azimuths = np.asarray(azimuths, float)
     if len(azimuths) < 3 or not radius > 0.0:

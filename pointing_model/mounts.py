@@ -84,8 +84,8 @@ class Mount:
             raise ValueError(f'errors of a mount that act on {self.errors!r}; choose from '
                              f'{OF_MOUNT}, {ON_SKY}')
         if self.on_sky and not self.two_sided:
-            raise ValueError(f'errors that act on the sky before the flip, of a mount that is '
-                             f'{self.kind}: it has none')
+            raise ValueError(f'errors that act on the sky before the flip, of {self.names.words}: '
+                             'it has none')
 
     @property
     def on_sky(self):
@@ -458,7 +458,7 @@ def parse_mount(text, latitude=None):
         return ALTAZ if kind == USUAL else Mount(kind)
     elif pole == 'celestial':
         if latitude is None:
-            raise ValueError(f'a mount that is {kind} needs the latitude of its site')
+            raise ValueError(f'{KINDS[kind].words} needs the latitude of its site')
         return Mount.equatorial(latitude, kind)
     elif numbers:
         try:
@@ -491,7 +491,7 @@ def pole_of(mount):
 def mount_by_pole(kind, azimuth, elevation, roll):
     """The `Mount` of a kind with this `pole_of`, rad; ValueError for an invalid pole."""
     if not np.all(np.isfinite((azimuth, elevation, roll))):
-        raise ValueError(f'the pole of a mount that is {kind} is no number')
+        raise ValueError(f'the pole of {KINDS[kind].words} is no number')
     if KINDS[kind].pole == 'celestial':
         return Mount.equatorial(elevation, kind)
     return Mount._with_pole(kind, azimuth, elevation, roll)

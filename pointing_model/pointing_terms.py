@@ -182,7 +182,7 @@ _HADEC = [*_rotations('equatorial', (
     ('hour angle index', '(cos δ, 0)', -1), ('declination index', '(0, 1)', -1),
     ('collimation, the line of sight not square to the declination axis', '(1, 0)', -1),
     ('declination axis not perpendicular to the polar axis', '(sin δ, 0)', -1),
-    ('polar axis tilted west (of the pole, seen from below)', '(-cos h sin δ, sin h)', -1),
+    ('polar axis tilted west of the pole, seen from below', '(-cos h sin δ, sin h)', -1),
     ('polar axis tilted in the meridian: too high in the north', '(sin h sin δ, cos h)', -1),
     ('tube flexure, cos E', f'cos E {_UP}', 1))), *_ZENITH,
     Term('FO', 'fork flexure', '(0, cos h)', -1, lambda t: (ZERO, t.cos_az)),
@@ -298,7 +298,7 @@ def _known_terms(names, mount):
     if unknown:
         raise ValueError(
             f'unknown pointing term {", ".join(map(str, unknown))}'
-            + ('' if mount.vertical else f' of a mount that is {mount.kind}')
+            + ('' if mount.vertical else f' of {mount.names.words}')
             + f'; choose from {", ".join(known)}')
     if len(set(names)) < len(names):
         raise ValueError(f'a pointing term is named twice in {", ".join(names)}; name it once')

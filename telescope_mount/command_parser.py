@@ -26,11 +26,33 @@ from msg_tools.terminal_signs import spell_out
 
 from .commands.options import json_given
 
-#: modules of commands/, in the order of the help text
-COMMANDS = ('night', 'observe', 'watch', 'check_drivers', 'guard', 'lifecycle', 'experiment',
-            'close_the_loop', 'solve', 'fit', 'diagnose', 'bolts', 'track', 'passes', 'satellite',
-            'season', 'zeros', 'apply', 'export', 'info', 'recover', 'verify', 'replay',
-            'encoder_test', 'completion')
+#: modules of commands/, in the order of the help text -> words of an example
+COMMANDS = {
+    'fit': 'run.csv --exclude "el<20" --save model.json',
+    'diagnose': 'run.csv --holdout new.csv --save model.json',
+    'bolts': 'run.csv --per-turn 31,44 --saddle 400',
+    'apply': 'model.json directions.csv --out angles.csv',
+    'export': 'model.json out.mod --to tpoint --sky run.csv',
+    'season': 'nights --tonight temperature=4.5',
+    'track': 'run.csv --first 20 --report page.html',
+    'satellite': 'tracks.csv --orbit lageos2.sp3.gz',
+    'passes': '--orbit a.cpf --latitude 34.3 --longitude 109',
+    'zeros': 'zeros.csv',
+    'solve': 'images --scale 1.1 1.3',
+    'info': 'night --report page.html',
+    'verify': 'night/bag',
+    'recover': 'night/bag --out saved',
+    'encoder_test': '--turns 5 --out bench',
+    'night': '--out night --seed 3',
+    'observe': '--params mount.yaml --driver camera.py',
+    'check_drivers': '--seconds 20 --params mount.yaml',
+    'guard': 'pause',
+    'watch': '--domain 7',
+    'lifecycle': 'mount_guard deactivate',
+    'close_the_loop': '--scenario loop_azimuth_drift',
+    'experiment': '--nights 11 --out experiment',
+    'replay': 'night/bag --save again.json',
+    'completion': 'bash'}
 #: modules of the commands that reproduce the papers
 PAPERS = {name: f'papers.{name}_command' for name in ('experiment', 'encoder_test')}
 
@@ -65,12 +87,15 @@ def make_parser(only=None):
     """
     parser = _Parser(prog='telescope-mount',
                      description='Measure a telescope mount: observe, fit, check, log, replay.',
-                     epilog='Exit codes: 0 done, 1 a check found something, 2 bad input, 130 ended '
-                     'by Ctrl-C. What options mean everywhere: docs/command_line.md.')
+                     epilog='night to replay need ROS. Exit codes: 0 done, 1 a check found '
+                     'something, 2 bad input, 130 ended by Ctrl-C. What options mean everywhere: '
+                     'docs/command_line.md.')
     parser.add_argument('--version', action=_Version, nargs=0, help='print the version and end')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name in COMMANDS if only is None else [only]:
         module_of(name).add(commands)
+        word = name.replace('_', '-')
+        commands.choices[word].epilog = f'Example: telescope-mount {word} {COMMANDS[name]}'
     return parser
 
 

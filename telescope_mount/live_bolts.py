@@ -203,7 +203,7 @@ def live(args):
     from .commands import bolts as command
     model = command.model_of(args)[0] if args.file is not None else None
     if model is not None and not model.mount.celestial:
-        raise ValueError(f'a mount that is {model.mount.kind} has no polar axis')
+        raise ValueError(f'{model.mount.names.words} has no polar axis')
     if not args.live.startswith('indi:'):
         folder = Path(args.live)
         if not folder.is_dir():

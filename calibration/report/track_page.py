@@ -51,7 +51,8 @@ def render_track(tracked, files):
     missed = summary['missed_rms_arcsec']
     begin = datetime.fromtimestamp(tracked.time[0], timezone.utc)
     events = [(datetime.fromtimestamp(event['stamp'] * 1e-9, timezone.utc).strftime('%H:%M:%S'),
-               event['star'], event['what']) for event in tracked.smoothed.events]
+               event['star'], event['what'], f'{100.0 * event["chance"]:.0f} %')
+              for event in tracked.smoothed.events]
     hours = (tracked.time - tracked.time[0]) / 3600.0
     seen = (tracked.smoothed.stamps * 1e-9 - tracked.time[0]) / 3600.0
     body = [
@@ -70,7 +71,8 @@ def render_track(tracked, files):
                              ('fit', 'expected, 1 σ'))),
                 _misses(tracked, hours)]),
         _largest(tracked, missed, files),
-        page.Section('Events', page.Table(('UTC', 'star', 'what'), events)),
+        page.Section('Jumps and wrong stars', page.Table(
+            ('UTC', 'from star', 'what jumped, or a wrong star', 'probability'), events)),
         page.FoldedSection('Filter', [
             page.SentenceList(tracking_lines(summary)),
             innovations_figure(np.sum((tracked.live / tracked.sigma)**2, axis=1))]),
@@ -92,7 +94,7 @@ def _largest(tracked, missed, files):
         if reach > _CLEAR * error:
             cause, check = term_cause(name, mount) if name in known else (name, '')
             lines.append(ErrorLine(f'{name} moved by {reach:.1f} ± {error:.1f}″', reach, None,
-                                   [f'moves: {cause}'], check))
+                                   [f'{cause}, changing'], check))
     fixed, adaptive = missed['model of the evening'], missed['tracked']
     squares = np.sum(tracked.evening**2 - tracked.live**2, axis=1) / ARCSEC**2
     # standard error of the difference of the two RMS

@@ -186,8 +186,8 @@ def _settle_mount(path, table, given):
                 + (' --longitude DEG' if both else '') + ')') from None
     if mount.names.columns != table.names.columns:
         first, second = mount.names.columns
-        raise ValueError(f'{path}: the columns are of {" and ".join(table.names.axes)}; those of a '
-                         f'mount that is {mount.kind} are {first}_enc_deg, {second}_enc_deg')
+        raise ValueError(f'{path}: the columns are of {" and ".join(table.names.axes)}; those of '
+                         f'{mount.names.words} are {first}_enc_deg, {second}_enc_deg')
     if not mount.vertical:
         meta['mount'] = mount
     return mount

@@ -48,8 +48,8 @@ def add(commands):
                         help='of that camera (default: %(default)s)')
     parser.add_argument('--keywords', type=Path, metavar='FILE.yaml', help='with --live: which '
                         'keywords of the images are what (default: FOLDER/mount.yaml)')
-    parser.add_argument('--solver', metavar='NAME', help=options.Listing(
-        'with --live: %(solvers)s, or the path of one, for images without a solution'))
+    parser.add_argument('--solver', metavar='NAME', help='with --live: '
+                        f'{options.SOLVERS}, or the path of one, for images without a solution')
     parser.add_argument('--scale', nargs=2, type=options.real(1e-3, 3600.0, 'arcsec'),
                         metavar=('LOW', 'HIGH'), help='with --live: arcsec a pixel, which makes a '
                         'solver faster')

@@ -49,8 +49,8 @@ def add(commands):
                         'observe the stars that keep the expected pointing error below ERROR, '
                         'such as 1.5arcsec,90; the model is adaptive')
     parser.add_argument('--pass', dest='satellite_pass', default='', metavar='ID,FILE',
-                        help=options.Listing('after the fit, follow a satellite through its next '
-                        'pass, by its name in a file of its orbit (%(orbit_formats)s)'))
+                        help='after the fit, follow a satellite through its next pass, by '
+                        f'its name in a file of its orbit ({options.ORBITS})')
     parser.add_argument('--tell-apart', default='', metavar='STARS[,HOURS]', help='after the fit, '
                         'diagnose, and observe at most so many stars that distinguish open '
                         'causes, such as 15,2h (default: none)')

@@ -35,16 +35,8 @@ MOUNT_KINDS = f'{kinds_text()} (where the first axis points, degrees)'
 RUNS = 'file of pointings of any kind in docs/your_own_file.md, or a log'
 #: suffixes of models and pages
 MODELS, PAGES = ('.json', '.yaml', '.yml'), ('.html', '.htm')
-
-
-class Listing(str):
-    """A help text with names from registries, which are loaded only when it is shown."""
-
-    def __mod__(self, params):
-        from pointing_model.runs.plate_solves.solvers import PROGRAMS
-        from pointing_model.sky.orbits.orbit_files import FORMATS
-        return super().__mod__({'solvers': ', '.join(PROGRAMS), 'orbit_formats': ', '.join(
-            one.wording for one in FORMATS)})
+#: names from registries, which are slow to import: plate solvers, and files of orbits
+SOLVERS, ORBITS = 'solve-field, astap', 'CPF, OMM, two-line elements, OEM, SP3'
 
 
 class Default(str):
@@ -132,12 +124,13 @@ SHARED = {
                 'stars (default: %(default)s)'},
     'date': {'default': '', 'type': utc, 'metavar': 'UTC',
              'help': 'begin of the night, ISO 8601 (default: 2026-01-15T13:00:00)'},
-    'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site; of '
-                 'runs: for right ascensions and equatorial mounts'},
+    'latitude': {'type': real(-90.0, 90.0, 'degrees'), 'metavar': 'DEG', 'help': 'of the site, '
+                 'north positive; right ascensions and equatorial mounts need it'},
     'longitude': {'type': real(-180.0, 360.0, 'degrees'), 'metavar': 'DEG',
                   'help': 'of the site, east positive'},
     'height': {'type': real(-500.0, 10000.0, 'm'), 'metavar': 'M',
-               'help': 'of the site above the ellipsoid'},
+               'help': 'of the site above the ellipsoid (default: as the file or '
+               'scenario says, else sea level)'},
     'reference': {'type': model_path, 'metavar': 'MODEL'},
     'encoder': {'choices': ('enc', 'abs'), 'default': 'enc',
                 'help': 'which pair of encoder columns (default: enc)'},
@@ -147,9 +140,11 @@ SHARED = {
                 'conditions (el<20, star=HIP 5447), with commas or again'},
     'mount': {'metavar': 'KIND', 'help': f'{MOUNT_KINDS}, instead of that of the file'},
     'pressure': {'type': real(0.0, 1200.0, 'hPa'), 'metavar': 'HPA',
-                 'help': 'for runs in right ascension; 0: no refraction'},
+                 'help': 'of the air, for runs in right ascension; 0: no refraction (default: as '
+                 'the file says, else a standard atmosphere at the height)'},
     'temperature': {'type': real(-90.0, 60.0, 'degrees Celsius'), 'metavar': 'C',
-                    'help': 'for runs in right ascension'},
+                    'help': 'of the air, for runs in right ascension (default: as the file says, '
+                    'else 10)'},
     'equinox': {'choices': ('auto', 'j2000', 'date'), 'default': 'auto',
                 'help': 'of right ascensions in the file: J2000, or apparent places of date; auto '
                 '(default): that of the file, else what fits'},
@@ -165,8 +160,8 @@ SHARED = {
     'alpha': {'type': real(1e-6, 0.5), 'default': ALPHA,
               'help': f'chance of any false alarm in a run with nothing wrong (default: {ALPHA})'},
     'orbit': {'action': 'append', 'default': [], 'type': Path, 'metavar': 'FILE', 'required': True,
-              'help': Listing('%(orbit_formats)s; also .gz or .Z; may be given again: files of '
-                              'one satellite are joined')},
+              'help': f'{ORBITS}; also .gz or .Z; may be given again: files of one satellite are '
+              'joined'},
     'sessions': {'type': gap_hours, 'metavar': 'HOURS'},
     'namespace': {'default': NAMESPACE, 'help': f'of the graph (default: {NAMESPACE})'},
     'params': {'type': Path, 'metavar': 'FILE'},
@@ -243,7 +238,7 @@ def check_mount(args, path, mount):
     if other or mount.celestial and args.latitude is not None and abs(
             args.latitude - degrees(mount.latitude)) > SITE['latitude_deg'].same:
         latitude = f', latitude {degrees(mount.latitude):.4f} deg' if mount.celestial else ''
-        raise ValueError(f'{path} is a model of a mount that is {mount.kind}{latitude}: leave out '
+        raise ValueError(f'{path} is a model of {mount.names.words}{latitude}: leave out '
                          '--mount, --latitude and comments of the table that name another')
 
 

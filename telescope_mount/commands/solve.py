@@ -31,8 +31,8 @@ def add(commands):
                         'images are what (default: FOLDER/mount.yaml)')
     parser.add_argument('--out', type=Path, metavar='FILE.csv',
                         help='the run (default: FOLDER/solved.csv)')
-    parser.add_argument('--solver', metavar='NAME', help=options.Listing(
-        '%(solvers)s, or the path of one (default: the first that is installed)'))
+    parser.add_argument('--solver', metavar='NAME', help=f'{options.SOLVERS}, or the '
+                        'path of one (default: the first that is installed)')
     parser.add_argument('--timeout', type=options.real(1.0, 36000.0, 's'), metavar='S',
                         default=options.Default('pointing_model.runs.plate_solves.solvers.TIMEOUT'),
                         help='for one image (default: %(default)s)')

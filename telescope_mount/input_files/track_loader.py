@@ -234,7 +234,7 @@ def _measured(part, site, weather, mount, notes):
 
 def _star_columns(run, mount):
     if not run.mount.agrees(mount):
-        raise ValueError(f'{run.meta.get("source")}: a run of a mount that is {run.mount.kind}; '
+        raise ValueError(f'{run.meta.get("source")}: a run of {run.mount.names.words}; '
                          f'the tracks are of one that is {mount.kind}')
     time = np.asarray(run.get('time'), float)
     if not np.isfinite(time).all():

@@ -350,7 +350,7 @@ def test_comments_above_a_table_of_directions_declare(ended, model, tmp_path):
     ('ra_deg,dec_deg\n1,95\n', ['--time', '2026-01-15T13:00:00Z'], "'95' is no such angle"),
     ('az_deg,el_deg\n1,2\n', ['--equinox', 'date'], 'apply to ra_deg'),
     ('az_deg,el_deg\n1,2\n', ['--pressure', '700'], 'apply to ra_deg'),
-    ('# mount: german\naz_deg,el_deg\n1,2\n', [], 'is a model of a mount that is altaz'),
+    ('# mount: german\naz_deg,el_deg\n1,2\n', [], 'is a model of an alt-azimuth mount'),
     ('# frame: tomorrow\naz_deg,el_deg\n1,2\n', [], "row 1: frame 'tomorrow' is unknown"),
 ])
 def test_places_of_the_sky_need_time_and_site(refused, model, tmp_path, text, options, words):

@@ -149,7 +149,7 @@ def test_a_model_tells_what_to_turn(ended, refused, tmp_path):
     PointingModel.load(path).save(path.with_suffix('.yaml'))
     assert ended('bolts', path.with_suffix('.yaml'))[1].startswith('The polar axis points')
     for other in (('--latitude', 30), ('--mount', 'fork')):
-        assert 'a mount that is german, latitude -30.0000' in refused('bolts', path, *other)
+        assert 'a German mount, latitude -30.0000' in refused('bolts', path, *other)
 
 
 def solved(place, moment, hour):

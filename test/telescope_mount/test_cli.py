@@ -15,6 +15,7 @@
 """The command line: good input, and every kind of bad input with one line and code 2."""
 
 import argparse
+import shlex
 import signal
 import subprocess
 import sys
@@ -61,6 +62,9 @@ def run_csv(tmp_path):
 def test_help_is_help(ended, words):
     code, out, err = ended(*words, '--help')
     assert code == 0 and err == '' and 'usage: telescope-mount' in out
+    if words:  # its example is a command line
+        begin, _, found = out.splitlines()[-1].partition(' telescope-mount ')
+        assert begin == 'Example:' and parsed(shlex.split(found)).command == words[0]
 
 
 @pytest.mark.parametrize('words, names', [

@@ -87,7 +87,8 @@ def test_diagnose_names_the_axis(ended, german_csv, tmp_path):
 
 
 def test_what_does_not_go_together_is_one_line(refused, german_csv, tmp_path):
-    assert 'mount that is altaz are az_enc_deg' in refused('fit', german_csv, '--mount', 'altaz')
+    assert 'an alt-azimuth mount are az_enc_deg' in refused(
+        'fit', german_csv, '--mount', 'altaz')
     assert 'dobson' in refused('fit', german_csv, '--mount', 'dobson')
     assert '--harmonics' in refused('fit', german_csv, '--predict', '--harmonics', 'zenith')
     bare = tmp_path / 'bare.csv'

@@ -219,7 +219,7 @@ def for_celestial(program, mount, terms, **changes):
         The mount is not equatorial.
     """
     if not mount.celestial:
-        raise ValueError(f'{program.title} has no models of a mount that is {mount.kind}')
+        raise ValueError(f'{program.title} has no models of {mount.names.words}')
     own = {(term, ()): [(name, float(sign))] for name, (term, sign) in terms.items()}
     return replace(program, own=own.get, candidates=tuple(own), mount=mount,
                    column=lambda name: [((terms[name][0], ()), float(terms[name][1]))], **changes)

@@ -323,7 +323,7 @@ def _solved(program, target, start, sky):
     values = dict(start)
     keys = list(values)
     if not keys:
-        raise ValueError(f'that program has no terms for a mount that is {program.mount.kind}; '
+        raise ValueError(f'that program has no terms for {program.mount.names.words}; '
                          '--to table works for any mount')
     columns = np.stack([np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in keys],
                        axis=1)

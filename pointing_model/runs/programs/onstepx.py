@@ -133,8 +133,7 @@ def _for_mount(mount):
         found = _read(path, text)
         unknown = [name for name, value in found.terms.items() if value and name not in terms]
         if unknown:
-            raise ValueError(f'{path}: {", ".join(unknown)} is not read of a mount that is '
-                             f'{mount.kind}')
+            raise ValueError(f'{path}: {", ".join(unknown)} is not read of {mount.names.words}')
         found.terms = {name: value for name, value in found.terms.items() if name in terms}
         return found
     return for_celestial(

@@ -235,7 +235,7 @@ def _for_mount(mount):
     def of(name):
         return [((name, ()), signs[name])] if name in signs else None
     if not signs:
-        raise ValueError(f'TPOINT has no names for a mount that is {mount.kind}')
+        raise ValueError(f'TPOINT has no names for {mount.names.words}')
     return replace(
         PROGRAM, own=own, column=of, candidates=tuple((name, ()) for name in signs), mount=mount,
         encoder=lambda values, az, el: rotations(values, az, el, mount),

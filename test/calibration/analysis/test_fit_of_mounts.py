@@ -94,7 +94,7 @@ def test_halves_judge_each_other():
 
 
 def test_terms_of_an_altaz_mount_are_refused():
-    with pytest.raises(ValueError, match='IA, IE of a mount that is german'):
+    with pytest.raises(ValueError, match='IA, IE of a German mount'):
         fit_terms(simulated(GERMAN), ('IA', 'IE'))
 
 

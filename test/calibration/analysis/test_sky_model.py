@@ -152,7 +152,7 @@ def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_
         export(other, PROGRAMS[name])
         with pytest.raises(ValueError, match='act on the sky, alike on both sides'):
             export(model, PROGRAMS[name])
-    with pytest.raises(ValueError, match='of a mount that is equatorial'):
+    with pytest.raises(ValueError, match='of an equatorial mount'):
         Mount('equatorial', MOUNT.frame, 'sky')
 
 

@@ -91,6 +91,7 @@ def test_its_page_is_whole():
     page = render_track(tracked, ())
     ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
     assert '://' not in page and 'jumped before star 30' in page
+    assert 'a wrong star' in page and 'zero of the azimuth encoder off, changing' in page
     assert json.loads(json.dumps(worded(tracked.summary())))['fitted_rows'] == 15
 
 
