@@ -252,7 +252,7 @@ def _with_zeros(columns, run, used, run_zeros):
     """The design with zeros of later runs relative to the first; the runs; names of the zeros."""
     runs = np.unique(run['run'][used.rows]) if run_zeros else np.empty(0)
     names = tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in run.mount.names.index)
-    if 2 * len(used.rows) < len(columns) + len(names):
+    if names and 2 * len(used.rows) < len(columns) + len(names):
         raise ValueError(f'{len(used.rows)} usable observations do not determine {len(columns)} '
                          f'coefficients and the zeros of {len(runs)} power-ons; observe more stars '
                          'in one power-on')
