@@ -47,7 +47,6 @@ from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
 from .report import calibration_wording as words
-from .report.calibration_diagnostics import problem_sentences, state_rows
 from .report.track_wording import last_update
 from .report.wording import paragraph, worded
 
@@ -369,9 +368,9 @@ class Calibration(MountNode):
 
     def problems(self):
         """Where the encoders and the sky of the last night disagree, or cannot be compared."""
-        return [(DiagnosticStatus.WARN, text) for text in problem_sentences(
+        return [(DiagnosticStatus.WARN, text) for text in words.problem_sentences(
             self._state, self._marks_unknown(), self._refused)]
 
     def details(self):
         """Rows received, and the results so far."""
-        return state_rows(self._state, self._taken_up, self._finding)
+        return words.state_rows(self._state, self._taken_up, self._finding)

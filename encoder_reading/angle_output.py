@@ -18,12 +18,50 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
+from msg_tools.units import wrap
 
 from .axis_reader import read_frames
 from .frame_readings import QUALITIES, REJECTED
-from .velocities import Velocities
 
 _BOTH = np.arange(2)
+#: s between readings from which on they give no velocity: the axis may have been elsewhere
+LONGEST_GAP = 1.0
+
+
+class Velocities:
+    """Velocities from a reader's own readings: difference of the last two over the time between.
+
+    An image alone gives no velocity. For readings with a standard error sigma, `dt` apart, that of
+    the velocity is sqrt(2) sigma / dt.
+    """
+
+    def __init__(self):
+        self._last = None
+
+    def forget(self):
+        """Forget the last reading, since the next one is not related to it."""
+        self._last = None
+
+    def __call__(self, stamp, angle):
+        """Velocities at the reading of `stamp`.
+
+        Parameters
+        ----------
+        stamp : int
+            ns.
+        angle : array_like, shape (n,)
+            Angle of each axis, rad; NaN if rejected.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            rad/s; NaN without two consecutive good readings.
+        """
+        before, self._last = self._last, (stamp, np.asarray(angle, dtype=float))
+        passed = np.nan if before is None else (stamp - before[0]) * 1e-9
+        if not 0.0 < passed <= LONGEST_GAP:
+            return np.full(len(self._last[1]), np.nan)
+        return wrap(self._last[1] - before[1]) / passed
 
 
 class AngleOutput:

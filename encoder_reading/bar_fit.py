@@ -258,8 +258,7 @@ class BarLine:
         spread = median(size) * _DEVIATION
         # several wrong bars together tilt the line and so hide; second differences reveal them
         bend = values[:, 2:] - 2.0 * values[:, 1:-1] + values[:, :-2]
-        calm = median(np.abs(bend)) * _BEND
-        far = size > np.minimum(spread, calm) * _FAR
+        far = size > np.minimum(spread, median(np.abs(bend)) * _BEND) * _FAR
         far &= good
         out = line[:, 0, 0], line[:, 0, 1], good, spread[:, 0], rest
         simple = bars.whole & ~np.logical_or.reduce(far, axis=1)

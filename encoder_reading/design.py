@@ -25,8 +25,7 @@ UNITS = {'': 1.0, 'mm': 1e-3, 'px': 1.0}
 
 
 def _number(default, unit, low, high, doc, kind=float):
-    value = kind(default * UNITS[unit])
-    return field(default=value, metadata={
+    return field(default=kind(default * UNITS[unit]), metadata={
         'unit': unit, 'range': (low, high), 'kind': kind, 'doc': doc})
 
 

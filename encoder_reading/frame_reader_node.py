@@ -15,7 +15,7 @@
 """Reads the absolute encoders of both axes from the images of their CCDs, simulated or real.
 
 The effort of a reading is its quality: 0 exact, 1 corrected, 2 rejected; a rejected one is NaN.
-Velocities are differences of readings within a second (`velocities.LONGEST_GAP`).
+Velocities are differences of readings within a second (`angle_output.LONGEST_GAP`).
 """
 
 from dataclasses import fields

@@ -269,8 +269,7 @@ class LinearCCD:
         if self._smeared is None:
             total = np.zeros(self._last + 2)
             track = self._track[: self._last + 2].astype(float)
-            middle = 0.5 * (track[1:] + track[:-1])
-            np.cumsum(middle, out=total[1:])
+            np.cumsum(0.5 * (track[1:] + track[:-1]), out=total[1:])
             self._smeared = total
         total = self._smeared
         turn = total[self._last]

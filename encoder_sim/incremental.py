@@ -402,8 +402,7 @@ class IncrementalEncoder:
         if len(stamps) == 0:
             return np.empty(0)
         p = self.params
-        seconds = stamps * 1e-9 - self.start
-        volts = self._volts(seconds)
+        volts = self._volts(stamps * 1e-9 - self.start)
         # motion starts at the last sample of the previous call
         known = 0 if self._last is None else 1
         all_stamps, all_angles = stamps, past

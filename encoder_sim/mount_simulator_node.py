@@ -152,8 +152,7 @@ class MountSimulator(ManagedNode):
         rest = last + 2.0
         future = Future()
         ahead = (rest - self._time) / self.value('time_scale') if self._live else 0.0
-        stamp = self._start + round(rest * 1e9)
-        self._homing = (stamp, future,
+        self._homing = (self._start + round(rest * 1e9), future,
                         self._awake + ahead + self.value('feedback_timeout_s'))
         if not self._live:
             self._settling = None

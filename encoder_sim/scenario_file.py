@@ -23,6 +23,8 @@ from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 
+import yaml
+
 from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.mounts import parse_mount
@@ -260,7 +262,6 @@ def undeclared(text):
         ``what`` (a text) and ``shows_as`` (beginnings of names of effects; empty: no effect, None:
         not specified); None if the scenario has no such section.
     """
-    import yaml
     truth = (yaml.safe_load(text) or {}).get('undeclared')
     return {'what': truth['what'], 'shows_as': truth.get('shows_as')} if truth else None
 
@@ -274,7 +275,6 @@ def _parsed(text, own):
     """YAML of a scenario. For the package's `own` files libyaml is used, which is ten times
     faster, but crashes on deeply nested files of users.
     """
-    import yaml
     return yaml.load(text, getattr(yaml, 'CSafeLoader', yaml.SafeLoader) if own
                      else yaml.SafeLoader)
 
@@ -297,7 +297,6 @@ def _read(text):
 
 def _chain(text):
     """(name, file, content, mapping) of a scenario, then of each one that it is based on."""
-    import yaml
 
     out, visited = [], []
     while text is not None:

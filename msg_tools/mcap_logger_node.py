@@ -124,8 +124,7 @@ class McapLogger(MountNode):
     def _record(self, name, type_name, qos, offers, counter=None):
         """Subscribe to a topic; raises errors of the middleware or the bag."""
         latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        topic = Topic(name, type_name, qos)
-        message = topic.message
+        message = Topic(name, type_name, qos).message
         again = counter is not None
         counter = counter or Counter()
         # a subscriber needs the last message of a latched topic, a log all of them

@@ -145,8 +145,7 @@ def _scan(name, found, scanned):
     if name in scanned:
         return
     scanned.add(name)
-    module = import_module(name)
-    tree = ast.parse(Path(module.__file__).read_text(encoding='utf-8'))
+    tree = ast.parse(Path(import_module(name).__file__).read_text(encoding='utf-8'))
     constants = {target.id: item.value for item in tree.body if isinstance(item, ast.Assign)
                  for target in item.targets if isinstance(target, ast.Name)}
     for function in ast.walk(tree):
@@ -170,8 +169,7 @@ def _scan(name, found, scanned):
 def _has_node(name):
     """Whether a module has functions that create endpoints of a node."""
     try:
-        module = import_module(name)
-        source = Path(module.__file__).read_text(encoding='utf-8')
+        source = Path(import_module(name).__file__).read_text(encoding='utf-8')
     except (ImportError, OSError):
         return False
     return 'node.publisher(' in source or 'node.subscribe(' in source

@@ -44,7 +44,7 @@ from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
 from calibration.estimation.false_alarms import ALPHA
 from calibration.report.documents import fit_document, run_diagnosis_document
-from calibration.report.wording import wording
+from calibration.report.wording import paragraph, wording
 from msg_tools.units import ARCSEC, DEG
 from msg_tools.whole_files import write_text
 from pointing_model.model_application import apply
@@ -225,7 +225,6 @@ class RunDiagnosis(_Found):
         """The verdict for people: a headline and its consequences; list of str."""
         from calibration.report.effect_wording import effect_summaries
         from calibration.report.verdict_wording import verdict_sentences
-        from calibration.report.wording import paragraph
         headline, more = verdict_sentences(self.document, effect_summaries(self.result),
                                            caution=paragraph(self.result.cautions))
         return [headline, *more]

@@ -26,7 +26,7 @@ from pointing_model.bolts_and_feet import polar_axis
 from pointing_model.image_alignment import LEAST_TURN, Image
 from pointing_model.mounts import through_pole, unit_vector
 from pointing_model.runs.formats.images import common_site, one_image
-from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
+from pointing_model.runs.plate_solves.fits_images import NotThere, read_header, solution_of
 from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
 from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.plate_solves.solvers import NotSolved, find_solver
@@ -140,7 +140,6 @@ class LiveFolder:
             try:
                 found, _ = one_image(header, self.mapping)[:2]
                 if 'ra_deg' in found:
-                    from pointing_model.runs.plate_solves.fits_images import solution_of
                     return solution_of(header, self.mapping.boresight), np.nan
             except NotThere:
                 pass

@@ -64,8 +64,7 @@ def refitted(model, rows, effects, seen=None):
     """
     known = tuple(e for e in effects if e.effect.kind == 'known')
     free = tuple(e for e in effects if e.effect.kind != 'known')
-    plain = replace(model, effects=known)
-    left = np.array(plain.residuals(rows))
+    left = np.array(replace(model, effects=known).residuals(rows))
     use = np.isfinite(left).all(axis=0)
     if seen is not None:
         use &= seen

@@ -464,5 +464,4 @@ def after_rotation(obs, start):
     """Offsets less the exact rotations, shape (2n,), and mask of rows that the mount can reach."""
     x, y = geometry.offsets(obs.context.az, obs.context.el, start, obs.context.mount)
     feasible = np.isfinite(x) & np.isfinite(y)
-    left = obs.observed - np.nan_to_num(np.hstack((x, y)))
-    return left, feasible
+    return obs.observed - np.nan_to_num(np.hstack((x, y))), feasible

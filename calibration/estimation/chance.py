@@ -264,8 +264,7 @@ class Chance:
             return 1.0
         if self.of_part and problem.base.groups:
             return 1.0  # with terms for each run, all folds together would take minutes
-        share = bank.effects[g].share
-        test = self._memory_test(problem, chosen, mask, share)
+        test = self._memory_test(problem, chosen, mask, bank.effects[g].share)
         return test.p(g) if test is not None else 1.0
 
     def beyond_memory(self, problem, chosen, bank, mask, without=()):

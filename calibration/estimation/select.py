@@ -242,8 +242,7 @@ def _twins(problem, choice, one=None, near=None):
             continue
         else:
             groups = np.arange(len(near))
-        noise = choice.fit.noise
-        base = replace(choice.fit, basis=problem.base.basis(noise))
+        base = replace(choice.fit, basis=problem.base.basis(choice.fit.noise))
         own = next(problem.dictionary.bases(base, [other.group]))[1][0]
         for some, basis, _ in bank.bases(base, groups):
             out += some[np.square(basis[:, 0] @ own[0]) > _TWINS].tolist()

@@ -18,9 +18,11 @@ from pointing_model.mount_kinds import kind_of
 
 from . import diagnosis_sections as tables
 from . import page_parts as page
+from .diagnosis_wording import limit_rows
 from .driver_figures import drivers_section, effects_section, largest_effect
 from .error_ranking import errors_section
-from .observation_section import next_observations
+from .figure_wording import model_words
+from .observation_wording import proposal_groups
 from .page_html import whole
 from .provenance import provenance_section
 from .refit_preview import preview
@@ -57,16 +59,16 @@ def render(view, files=None):
                        'Largest errors' if summary.effects else 'Cautions and limits'),
         page.Section('Outliers', tables.outliers(document)),
         page.FoldedSection('Evidence', [tables.evidence(view), page.Table(
-            ('error', 'limit'), view.limits, 'numbers', 'Detection limits')]),
+            ('error', 'limit'), limit_rows(document), 'numbers', 'Detection limits')]),
         page.FoldedSection('RMS', [tables.gain_bars(view), tables.held_out(document, data.axes)]),
         effects_section(view),
-        page.FoldedSection('Next observations', next_observations(
-            view.proposals, kind, data.grid)),
+        page.FoldedSection('Next observations', tables.next_observations(
+            proposal_groups(document), kind, data.grid)),
         drivers_section(view),
         page.FoldedSection('Target', targets(data)),
         page.FoldedSection('Histograms', histograms(data)),
         page.FoldedSection('Candidate effects', tables.ranking(view.ranking),
-                           f'Each alone, beside {view.model}.'),
+                           f'Each alone, beside {model_words(document, whose=False)}.'),
         page.FoldedSection('Terms', [
             terms_page_table(view.terms), run_terms_table(view.run_terms),
             correlation_table(view.correlated, view.correlations)],

@@ -20,7 +20,10 @@ from rich.text import Text
 from pointing_model.effects.base import driver_word
 from pointing_model.mount_kinds import kind_of
 
+from . import observation_wording
 from .error_ranking import MOST_ERRORS
+from .figure_wording import choice_sentence
+from .row_wording import expected_sentence
 from .terminal_layout import height_of
 from .terminal_tables import decimals, new_table
 
@@ -83,16 +86,17 @@ def diagnosis_tables(view):
     if spread and spread['partitions'] > 1:
         out.append(f'mean of {spread["partitions"]} partitions; after: '
                    f'{decimals(spread["min_arcsec"])} to {decimals(spread["max_arcsec"])} arcsec')
-    out += filter(None, [view.choice, view.expected])
+    out += filter(None, [choice_sentence(document), expected_sentence(document)])
     out.append(f'{view.floor}: {decimals(document["noise_floor_arcsec"])} arcsec radial '
                '(corrected for degrees of freedom)\n')
     if view.effects:
         out.append(_effects(view))
     # for the largest effect it is in the verdict
-    no_star = [text for name, text in view.no_star.items()
+    no_star = [text for name, text in observation_wording.no_star_sentences(document).items()
                if name != document['effects'][0]['name']]
     return [*out, *view.left_out, *(f'note: {note}' for note in (*view.notes, *view.signs)),
-            *view.proposal_lines, *filter(None, [view.serves]), *no_star]
+            *observation_wording.proposal_lines(document),
+            *filter(None, [observation_wording.serves_sentence(document)]), *no_star]
 
 
 def _errors(view):

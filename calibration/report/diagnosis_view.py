@@ -25,10 +25,9 @@ from pointing_model.effects.base import coefficient_word, readable
 from pointing_model.mounts import is_beyond
 from pointing_model.runs.columns.run_table import AS_NAMED
 
-from . import figure_wording, observation_wording, row_wording
+from . import figure_wording, row_wording
 from .cause_wording import open_causes, plain_name, short_cause, still_open
 from .diagnosis_summary import DiagnosisSummary, summary_of
-from .diagnosis_wording import limit_rows
 from .documents import diagnosis_document
 from .driver_labels import Driver, driver_of
 from .effect_wording import effect_summary, effect_title
@@ -109,20 +108,10 @@ class DiagnosisView:
         Class and word of the verdict, depending on whether causes are open.
     word : str
         Name of the verdict.
-    meta, used, model, floor, choice, expected : str
-        Short description of the data; rows used; declared terms; label of the noise floor; how
-        often effects were re-selected in cross-validation; expected error on new stars.
+    meta, used, floor : str
+        Short description of the data; rows used; label of the noise floor.
     notes, page_notes, signs, left_out : list of str
         Notes for the terminal and for the page, on the signs of columns, and on excluded rows.
-    proposals : list of (list of str, list of dict, str)
-        Result of `observation_wording.proposal_groups`.
-    proposal_lines : list of str
-    serves : str
-        Sentence if the proposals do not concern the largest effect, else ''.
-    no_star : dict of str to str
-        Sentences on effects whose causes no observation separates.
-    limits : list of (str, str)
-        Effects and their detection limits; empty if an effect was found.
     untestable : list of (str, str)
         Effects that this run cannot test, and why.
     run_terms : dict
@@ -151,19 +140,11 @@ class DiagnosisView:
     word: str = ''
     meta: str = ''
     used: str = ''
-    model: str = ''
     floor: str = ''
-    choice: str = ''
-    expected: str = ''
     notes: list = ()
     page_notes: list = ()
     signs: list = ()
     left_out: list = ()
-    proposals: list = ()
-    proposal_lines: list = ()
-    serves: str = ''
-    no_star: dict = field(default_factory=dict)
-    limits: list = ()
     untestable: list = ()
     run_terms: dict = field(default_factory=dict)
     correlated: list = ()
@@ -192,14 +173,12 @@ def view_of(diagnosis, document=None):
     DiagnosisView
     """
     obs, document = diagnosis.observations, document or diagnosis_document(diagnosis)
-    context, kind = obs.context, obs.run.mount.kind
+    context = obs.context
     effects = [_found(diagnosis, e) for e in diagnosis.effects]
     summaries, caution = [e.summary for e in effects], paragraph(diagnosis.cautions)
     headline, sentences = verdict_sentences(document, summaries, limit=20, caution=caution)
     notes = list(dict.fromkeys(map(wording, diagnosis.notes)))
     names, matrix = diagnosis.correlations
-    floor = figure_wording.floor_words(document)
-    causes = observation_wording.causes_of(document)
     return DiagnosisView(
         {**document, 'excluded': diagnosis.excluded}, _residuals(diagnosis, document),
         _drivers(diagnosis, effects), effects, _ranking(diagnosis, context.mount),
@@ -210,20 +189,12 @@ def view_of(diagnosis, document=None):
         sentences=[headline, *sentences], badge=_badge(document),
         word=VERDICTS.get(document['verdict'], document['verdict']),
         meta=_meta(document, _sources(obs)), used=row_wording.used_sentence(document),
-        model=figure_wording.model_words(document, whose=False), floor=floor,
-        choice=figure_wording.choice_sentence(document),
-        expected=row_wording.expected_sentence(document),
-        notes=notes, page_notes=_page_notes(diagnosis),
+        floor=figure_wording.floor_words(document), notes=notes, page_notes=_page_notes(diagnosis),
         signs=row_wording.signs_sentences(diagnosis.columns_alike, context.mount.names,
                                           obs.run.meta.get('taken', AS_NAMED)),
         left_out=row_wording.left_out_lines(diagnosis.excluded, len(obs.runs) > 1,
                                             document['rows_are']),
-        proposals=observation_wording.proposal_groups(
-            observation_wording.proposals(document), kind, causes),
-        proposal_lines=list(observation_wording.proposal_lines(document)),
-        serves=observation_wording.serves_sentence(document),
-        no_star=observation_wording.no_star_sentences(document),
-        limits=limit_rows(document), untestable=diagnosis.untestable, run_terms=diagnosis.run_terms,
+        untestable=diagnosis.untestable, run_terms=diagnosis.run_terms,
         correlated=_coefficients(names, diagnosis), correlations=matrix,
         about=about(obs, _sources(obs)), axes_note=axes_note(context),
         fits=_refits(diagnosis), lines=obs.lines,

@@ -252,8 +252,7 @@ def ends(driver, values):
     parts = min(len(driver) // _NEIGHBOURS, _PLACES)
     if parts < 3:
         return None
-    order = np.argsort(driver, kind='stable')
-    groups = np.array_split(order, parts)
+    groups = np.array_split(np.argsort(driver, kind='stable'), parts)
     means = np.array([values[group].mean() for group in groups])
     between = sum(len(group) * (mean - values.mean())**2 for group, mean in zip(groups, means))
     if not between > _FOLLOWED * np.square(values - values.mean()).sum():

@@ -29,15 +29,12 @@ UNDETERMINED = 'undetermined'
 VALIDATED = 'cross-validated (2 halves)'
 
 
-def _are(names):
-    return 'is' if len(names) == 1 else 'are'
-
-
 def _undetermined(found):
     held, carrying = found['held'], found['carrying']
     text = f'undetermined by these stars: {", ".join(found["terms"])}'
     if held and carrying:
-        text += (f'. {", ".join(held)} {_are(held)} held at zero, and {", ".join(carrying)} '
+        text += (f'. {", ".join(held)} {"is" if len(held) == 1 else "are"} held at zero, and '
+                 f'{", ".join(carrying)} '
                  f'{"includes" if len(carrying) == 1 else "include"} them here')
     elif held:
         text += '; held at zero'

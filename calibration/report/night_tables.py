@@ -61,8 +61,7 @@ def night_parts(report):
     more += [*(f'note: {line}' for line in (
                  *(zero['statement'] for zero in zeros[-1:]), *report['notes'],
                  *cross_check['notes']))]
-    rest = night_tables(report)
-    return first, more, rest
+    return first, more, night_tables(report)
 
 
 def night_tables(report):

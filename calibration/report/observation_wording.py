@@ -127,27 +127,19 @@ def proposal_lines(document):
                          *(f'  {place_words(item, kind)}' for item in group)])
 
 
-def proposal_groups(rows, kind=USUAL, causes=()):
+def proposal_groups(document):
     """Proposed observations grouped by the pair of causes that they separate.
-
-    Parameters
-    ----------
-    rows : list of dict
-        Result of `proposals`.
-    kind : str
-        Key of `pointing_model.mounts.KINDS`.
-    causes : dict, optional
-        Result of `causes_of`.
 
     Returns
     -------
     list of (list of str, list of dict, str)
         The pair, its rows with ``number`` and ``counterweight_up``, and the expected gain.
     """
-    groups, causes = {}, dict(causes)
-    for i, row in enumerate(rows, 1):
-        groups.setdefault(tuple(row.get('separates') or ()), []).append(
-            {**row, 'number': i, 'counterweight_up': _counterweight_up(row, kind)})
+    groups, causes = {}, causes_of(document)
+    for i, row in enumerate(proposals(document), 1):
+        groups.setdefault(tuple(row['separates']), []).append({
+            **row, 'number': i,
+            'counterweight_up': _counterweight_up(row, document.get('mount') or USUAL)})
     return [([short_cause(causes.get(name) or readable(name)) for name in names], group,
              _group_note(group)) for names, group in groups.items()]
 

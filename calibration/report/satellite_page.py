@@ -106,7 +106,8 @@ def render_tracks(fit, document, diagnosis, files):
             ('satellite', 'rows', 'arcs', 'orbit ± m', 'ahead ms', '± ms', 'separated'),
             [(one['name'], f'{one["rows"]}', f'{one["arcs"]}', page.Number(one['orbit_sigma_m']),
               page.Number(1e3 * one['ahead_s'], 2, True), page.Number(1e3 * one['ahead_sigma_s']),
-              _separated(one)) for one in document['satellites']], 'numbers'),
+              None if one['ahead_sigma_s'] < 1e-4 else 'yes' if one['separated'] else 'no')
+             for one in document['satellites']], 'numbers'),
             'Ahead: of its place by the orbit, along the track. Separated: from the zeros, '
             'the clock and the other satellites; – where the orbit is precise.'),
         page.FoldedSection('Errors along each arc', others and [marks, *others],
@@ -120,11 +121,6 @@ def render_tracks(fit, document, diagnosis, files):
         page.FoldedSection('Diagnosis', body_of(_diagnosis_page(diagnosis, files))),
         provenance_section([], files)]
     return whole(f'Tracks of satellites: {headline}', body, 'Tracks of satellites by a mount')
-
-
-def _separated(one):
-    """Whether the along-track time of a satellite is separated; None if its orbit is precise."""
-    return None if one['ahead_sigma_s'] < 1e-4 else 'yes' if one['separated'] else 'no'
 
 
 def _diagnosis_page(view, files):

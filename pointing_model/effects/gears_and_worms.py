@@ -143,7 +143,7 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
 
     period = period_words(turns, names, axis, clock) + ', with another phase in each run' * bool(
         runs)
-    place, wheel = _TURN / turns, _wheel(turns)
+    place, wheel = _TURN / turns, next(words for most, words in _WHEELS if turns <= most)
 
     def against(c):
         angle = driver_angle(c, axis, of, origin)
@@ -179,11 +179,6 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
                   requires=(driver,) * (of != 'angle') + ('run',) * bool(runs), figure=against,
                   scan=None if declared else f'{"tape" if tape else "period"}_{of}_{axis}',
                   share='dictionary' if declared else 'periods')
-
-
-def _wheel(turns):
-    """Parts that may have this number of periods per turn."""
-    return next(words for most, words in _WHEELS if turns <= most)
 
 
 def driver_angle(context, axis, of, origin=0.0):

@@ -42,11 +42,6 @@ _LATE = ('TF', 'CA')
 _WARM = re.compile(r'temp|ambient|amb(_|$)|^t[_-]?(amb|air|tube|truss|mirror|dome|cell|steel)')
 
 
-def is_thermometer(name):
-    """Whether the name of a column is that of a temperature."""
-    return bool(_WARM.search(name.lower()))
-
-
 def lagged(context, driver, tau):
     """A driver lagged by the time constant `tau`, and the decay from the start.
 
@@ -144,7 +139,7 @@ def propose(context, lacking, own):
     yield offer('secondary', 'secondary mirror with temperature', context, 'temperature',
                 lambda v: [effect('secondary', **about('temperature', 1.0, v))])
     for name in context.extra():
-        if is_thermometer(name) or name in context.drivers:
+        if _WARM.search(name.lower()) or name in context.drivers:
             # zeros and collimation of any column: see `columns.propose`
             yield offer('drift', name, context, name, lambda v, name=name: [
                 *(effect('drift', of=of, **about(name, float(np.std(v)), v))

@@ -20,7 +20,6 @@ from pkgutil import iter_modules
 
 from pointing_model.mounts import ALTAZ, Mount, parse_mount
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
-from pointing_model.runs.plate_solves.mapping import looks_like_mapping
 from pointing_model.runs.run import PointingRun, known_site
 from pointing_model.sky.site import site_contradictions
 
@@ -194,7 +193,7 @@ def _settle_mount(path, table, given):
 
 
 def _read_table(path, encoder):
-    if looks_like_mapping(path) and path.is_file():
+    if path.suffix.lower() in ('.yaml', '.yml') and path.is_file():  # which keywords are what
         return read_images(path)
     lines = read_lines(path)
     for one in FORMATS:

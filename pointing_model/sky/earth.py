@@ -231,8 +231,7 @@ def _with_leap_seconds(mjd, dut1, sigma):
 
 def _interpolate(mjd, rows, kind):
     start = np.clip((mjd - rows[0, 0]).astype(int) - 1, 0, rows.shape[1] - 4)
-    u = mjd - rows[0, start]
-    weights = np.stack(_lagrange(u))
+    weights = np.stack(_lagrange(mjd - rows[0, start]))
     window = start + np.arange(4)[:, None]
     value = np.einsum('kn,jkn->jn', weights, rows[1:4][:, window])
     # sigma and source of the worse neighbour only, not of the whole window
@@ -269,5 +268,4 @@ def _calendar(time):
     day = day + MJD_1970
     today = tai_utc(day, 0.0)
     drift = 2.0 * (tai_utc(day, 0.5) - today)
-    step = tai_utc(day + 1.0, 0.0) - today - drift
-    return day, second, today, drift, step
+    return day, second, today, drift, tai_utc(day + 1.0, 0.0) - today - drift

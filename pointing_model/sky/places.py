@@ -159,8 +159,7 @@ def sun_place(time, site=DEFAULT_SITE):
     az, el : float or ndarray, shape (n,)
         rad. Accurate to 30": the Earth's position is ERFA's, the parallax is neglected.
     """
-    earth = erfa.ufunc.epv00(*terrestrial(time))[0]['p']
-    ra, dec = erfa.c2s(-earth)
+    ra, dec = erfa.c2s(-erfa.ufunc.epv00(*terrestrial(time))[0]['p'])
     return icrs_to_observed(ra, dec, time, site, Weather(pressure_hpa=0.0))
 
 

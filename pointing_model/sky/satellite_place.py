@@ -95,7 +95,7 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
     corrections = corrections or Corrections()
     time = np.asarray(time, float)
     given = {} if orientation is None else {'orientation': orientation}
-    ground = _site_vector(site)
+    ground = erfa.gd2gc(1, site.longitude, site.latitude, site.height)  # WGS84
 
     def seen_from_here(late):
         """Position `late` seconds ago, in the present axes of the Earth."""
@@ -149,10 +149,6 @@ def in_sunlight(satellite, time):
 
 def _length(vector):
     return np.sqrt(np.sum(vector * vector, axis=-1))
-
-
-def _site_vector(site):
-    return erfa.gd2gc(1, site.longitude, site.latitude, site.height)  # WGS84
 
 
 def _horizontal(direction, site):

@@ -163,8 +163,7 @@ def _along(points):
 def _with_walls(points):
     """Strictly increasing azimuths, and elevations, of a skyline; walls become steep ramps."""
     az, el = [], []
-    turns = np.flatnonzero(np.diff(points[:, 0]) >= ONE) + 1
-    groups = np.split(points, turns)
+    groups = np.split(points, np.flatnonzero(np.diff(points[:, 0]) >= ONE) + 1)
     if len(groups) > 1 and groups[-1][0, 0] - groups[0][0, 0] > _TURN - ONE:
         last = groups.pop()  # it closes at its first azimuth
         groups[0] = np.concatenate([last - [_TURN, 0.0], groups[0]])

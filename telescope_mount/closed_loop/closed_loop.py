@@ -22,6 +22,7 @@ import numpy as np
 
 from calibration.analysis.diagnosis.row_counts import reader_row_counts
 from calibration.estimation.false_alarms import ALPHA
+from msg_tools.units import ARCSEC, DEG
 from msg_tools.whole_files import tried, write_text
 from pointing_model.zero_drift import KEY as FOLLOWS
 from telescope_mount.observing.plan import ZERO_EXPOSURES, parse_plan
@@ -201,7 +202,6 @@ def _site_of(run, sky):
 
     Without a run: the default site, which the observer of a simulated night assumes.
     """
-    from msg_tools.units import DEG
     from pointing_model.sky.site import DEFAULT_SITE
     site = DEFAULT_SITE if run is None else run.meta.get('site') or {}
     if not isinstance(site, dict):
@@ -285,7 +285,6 @@ def drive_error(run, model, site_deg=None, taken_back=False):
         ``missed_arcsec``, the radial RMS miss distance of the same stars. None if there are no
         such rows, the zero tracks an encoder, or the driver of an effect is unknown there.
     """
-    from msg_tools.units import ARCSEC, DEG
     from pointing_model.rms import rms
     from pointing_model.runs.run import PointingRun
     from pointing_model.zero import active_zeros

@@ -137,8 +137,7 @@ def refraction_of(args, latitude):
     if args.pole == 'true':
         return 0.0
     from pointing_model.sky.refraction import air_at, refracted_elevation
-    given = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
-    weather = air_at(args.height or 0.0, {k: v for k, v in given.items() if v is not None})
+    weather = air_at(args.height or 0.0, options.given_air(args))
     return float(refracted_elevation(abs(latitude), weather) - abs(latitude))
 
 
@@ -155,8 +154,7 @@ def alignment_of(model, args, equinox=None):
     from pointing_model.bolts_and_feet import cone_shim, foot_lifts
     document, lines = {}, []
     if model.mount.celestial:
-        found = alignment_document(model, refraction_of(args, model.mount.latitude),
-                                   equinox)
+        found = alignment_document(model, refraction_of(args, model.mount.latitude), equinox)
         if found['unknown']:
             raise ValueError(found['unknown'])
         document['polar_axis'] = found

@@ -14,6 +14,8 @@
 
 """The command ``passes``: when satellites can be tracked."""
 
+from datetime import datetime, timezone
+
 from . import options
 
 #: most passes listed without --verbose
@@ -96,13 +98,11 @@ def run(args):
 
 
 def _hours(first, last):
-    from datetime import datetime, timezone
     return ' to '.join(f'{datetime.fromtimestamp(one, timezone.utc):%Y-%m-%d %H:%M} UTC'
                        for one in (first, last))
 
 
 def _table(found, mount, verbose):
-    from datetime import datetime, timezone
 
     from calibration.report.terminal_tables import new_table
     from msg_tools.units import ARCSEC, DEG

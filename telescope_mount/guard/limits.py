@@ -131,10 +131,6 @@ class Limits:
         return np.array([first if self.axes[0].low <= first <= self.axes[0].high else place[0],
                          place[1]])
 
-    def in_pieces(self):
-        """The same for slews in pieces: tracks, too, leave a reserve for catching up."""
-        return replace(self, timing=min(self.timing, SLEW_SHARE))
-
     def on_turn_of(self, reading):
         """The same limits for a first axis on an unknown turn; its reading, rad."""
         first, second = self.axes

@@ -24,6 +24,7 @@ Each step depends on the request, the readings and what was sent (`sent_course`)
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 
 from msg_tools.units import DEG
 
@@ -69,8 +70,8 @@ class Supervisor:
     """
 
     def __init__(self, limits, site, settings, wall):
-        if not settings.whole:
-            limits = limits.in_pieces()
+        if not settings.whole:  # tracks, too, leave a reserve for catching up
+            limits = replace(limits, timing=min(limits.timing, SLEW_SHARE))
         self.limits, self._check = limits, TrackCheck(limits)
         self._circles = SkyCircles(limits.keep_out, site)
         self._settings, self._wall = settings, wall

@@ -23,9 +23,10 @@ from calibration.analysis.diagnosis.mistaken_columns import check_columns
 from calibration.analysis.solve_check import check_solves
 from calibration.report.wording import wording
 from msg_tools import topics
+from msg_tools.bag.topic_names import prefix_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation, declared_worms
-from pointing_model.mounts import is_beyond, mount_text, parse_mount
+from pointing_model.mounts import centred, is_beyond, mount_text, parse_mount
 from pointing_model.runs.columns.row_checks import NoUsableRow
 from pointing_model.runs.columns.run_table import NoObservations
 from pointing_model.runs.copies import copies, without_copies, written_twice
@@ -217,7 +218,6 @@ def run_of_log(path, satellites=False):
     """
     from calibration.distrust import distrusted, notes_of
     from msg_tools.bag.bag_pair import parameters_of
-    from msg_tools.bag.topic_names import prefix_of
     from msg_tools.units import wrap
     from pointing_model.calibration_messages import ZeroPairs, joints_to_zero
     from pointing_model.zero import NO_ZERO, is_for_zero, way_of
@@ -356,7 +356,6 @@ def _without_check_rows(run):
 
 def _readings(columns, beyond=False):
     """Raw readings at the exposure, from readings with the star centred."""
-    from pointing_model.mounts import centred
     az, el = columns['az_enc'], columns['el_enc']
     if 'miss_x' not in columns or 'miss_y' not in columns:
         return az, el
@@ -394,7 +393,6 @@ def with_rows_before(kept, folder):
 def _rows_of(path):
     """Time and row of each observation of a log; nothing for the simulator's truth."""
     from msg_tools.bag import BagReader
-    from msg_tools.bag.topic_names import prefix_of
     log = BagReader(path)
     if log.has_truth:
         return

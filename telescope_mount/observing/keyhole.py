@@ -105,8 +105,7 @@ def _shortest(angle, rates, time, rows, rate, acceleration):
     for i in range(max(rows[0] - 1, 0), -1, -1):
         if time[j] - time[i] >= time[best[1]] - time[best[0]]:
             break
-        reach = late[i] - cost[i]
-        stop = np.flatnonzero(ends[j:] <= reach)
+        stop = np.flatnonzero(ends[j:] <= late[i] - cost[i])
         if len(stop) and time[j + stop[0]] - time[i] < time[best[1]] - time[best[0]]:
             best = i, j + int(stop[0])
     return best

@@ -87,8 +87,7 @@ class PlanWatchdog:
         self._waits = waits, self._waits[1]
         if waits and now - self._waits[1] >= REPORTED_AFTER:
             found[WAITING] = f'waiting for {waits}'
-        changed = self._changed(found)
-        return changed, self._too_long(now, begun, verb, rows)
+        return self._changed(found), self._too_long(now, begun, verb, rows)
 
     def _changed(self, found):
         """Log one line for each new fault and one for each that is over."""

@@ -331,8 +331,7 @@ class Sequencer:
         yield lambda: self._out.now() > 0
         if self._left is None or self._before is None:
             self.night.evening = self._out.now()
-        orientation = earth_orientation(self._out.now() * 1e-9)
-        self.earth = orientation.statement()
+        self.earth = earth_orientation(self._out.now() * 1e-9).statement()
         self._out.get_logger().info(self.earth)
         self.night.exposer.exposed = self._table.newest or self.night.evening + 1
         self.begun = True

@@ -205,8 +205,7 @@ def observable(stars, moments, site, weather, min_el, max_el, mag_limit, exclude
     places = [observed_place(there, t, site, weather) for t in moments]
     up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, there.hip)
                  for t, (az, el) in zip(moments, places)], axis=0)
-    known = np.isin(there.hip, np.fromiter(exclude, int))
-    return bright, places, up, known, lonely
+    return bright, places, up, np.isin(there.hip, np.fromiter(exclude, int)), lonely
 
 
 def nearest_star(stars, time, az, el, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, *,

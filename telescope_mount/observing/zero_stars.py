@@ -248,8 +248,7 @@ def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), s
 
 def _exchanged(design, columns, n, count, keep):
     """Rows of `count` candidates, for n / count exposures each."""
-    share = n / count
-    weighted = columns * np.sqrt(share)
+    weighted = columns * np.sqrt(n / count)
 
     def gram(row):
         return weighted[row].T @ weighted[row]

@@ -94,8 +94,7 @@ class ParabolaReader(BarReader):
 def _vertices(grey, start, end):
     """Vertex of the parabola through each run of pixels, and whether it is valid."""
     centre = 0.5 * (start + end - 1)
-    offset = np.arange(int((end - start).max()))
-    pixel = start[:, :, np.newaxis] + offset
+    pixel = start[:, :, np.newaxis] + np.arange(int((end - start).max()))
     inside = pixel < end[:, :, np.newaxis]
     rows = np.arange(len(grey))[:, np.newaxis, np.newaxis]
     value = grey[rows, np.minimum(pixel, grey.shape[1] - 1)] * inside
@@ -183,8 +182,7 @@ class IndexingTable:
         """
         parts = []
         for _ in range(n):
-            at = self._rng.uniform(0.0, 2.0 * np.pi)
-            shown = at + self.standard
+            shown = self._rng.uniform(0.0, 2.0 * np.pi) + self.standard
             angles = shown + self.table_errors
             frames = self._frames(self.ccd, angles)
             if damage is not None:
@@ -202,8 +200,7 @@ class IndexingTable:
         grey = INVERSION - frames.astype(float)
         first = PaperReader(self.params.design).decode(grey).first
         for angle, bar in zip(angles, first):
-            middle = round(angle / self.disc.bar_angle)
-            view = middle + np.arange(-reach, reach + 1)
+            view = round(angle / self.disc.bar_angle) + np.arange(-reach, reach + 1)
             chosen = self._rng.choice(view, math.ceil(0.1 * len(view)) - 1, replace=False)
             shift[np.append(chosen, bar if bar >= 0 else view[0]) % bars] = damage
         return _DisplacedBars(self.params, self.disc, self.seed, shift)

@@ -15,7 +15,7 @@
 import numpy as np
 import pytest
 
-from encoder_reading.velocities import LONGEST_GAP, Velocities
+from encoder_reading.angle_output import LONGEST_GAP, Velocities
 
 SECOND = 1_000_000_000
 

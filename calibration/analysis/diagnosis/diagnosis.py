@@ -39,7 +39,7 @@ from .moving_terms import moving_findings
 from .next_observations import propose
 from .observations import mount_of, observations
 from .page_figures import add_page_figures
-from .period_scans import add_aliases, gear_findings, period_findings, settle_periods
+from .period_scans import add_aliases, gear_findings, period_finding, settle_periods
 from .prediction import better_prediction
 from .residual_correlation import correlation_entry, residual_correlation
 from .residual_patterns import (
@@ -171,7 +171,7 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     refine_scans(run, choice)
     settled = settle_periods(problem, choice)
     add_aliases(problem, choice)
-    periods = period_findings(problem, choice, settled)
+    periods = [period_finding(problem, choice, i, *each) for i, each in settled.items()]
 
     fits = exact_fits(run, choice, left)
     models = exact_models(run, choice, fits, left)

@@ -152,7 +152,8 @@ class _RunCheck:
 
     def result(self):
         """The `ColumnCheck`; raises MistakenColumns."""
-        if len(self.rows.label) < FEW or self._in_a_field():
+        if len(self.rows.label) < FEW or all(  # one small field under any reading
+                np.ptp(column) < _FIELD for column in self.rows.columns[:2]):
             return ColumnCheck()
         written = self.fits.fit(Reading(), centred=False)
         far = self.rows.misplaced > MOST_LEFT_OUT * self.rows.rows_read
@@ -216,10 +217,6 @@ class _RunCheck:
     def _single(self):
         return [*single_readings(self.rows.held, self.mount, self.rows.lst is not None),
                 *other_places(self.rows)]
-
-    def _in_a_field(self):
-        """Whether all catalogue positions are in one small field under any reading."""
-        return all(np.ptp(c) < _FIELD for c in self.rows.columns[:2])
 
     def _is_clear(self, reading):
         """Whether the first angle obviously is in hours or radians, by the range of its numbers.

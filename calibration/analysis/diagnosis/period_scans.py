@@ -141,11 +141,6 @@ def add_aliases(problem, choice):
                 stand.equals.append(group)
 
 
-def period_findings(problem, choice, settled):
-    """A Finding ``period`` for each wave of unknown period; `settled`: see `settle_periods`."""
-    return [_finding(problem, choice, i, *each) for i, each in settled.items()]
-
-
 def _aliases(problem, choice, i):
     """Cycles per turn of the aliases that `add_aliases` gave to effect `i`, best first."""
     bank, line = problem.periods, problem.periods.line
@@ -153,7 +148,8 @@ def _aliases(problem, choice, i):
             if line[k] == line[choice.chosen[i].group]]
 
 
-def _finding(problem, choice, i, rate, error, whole):
+def period_finding(problem, choice, i, rate, error, whole):
+    """Finding ``period`` on wave `i` of unknown period; the others: see `settle_periods`."""
     e = choice.chosen[i].effect(problem)
     p = e.parameters
     return Finding('period', float(p['turns']), float(error), 'per turn', (e.name,), evidence={

@@ -261,8 +261,7 @@ def better_prediction(run, rms):
     if base.own or base.degree or obs.whole or len(obs) < len(base.terms) + _MORE_ROWS:
         return []
     found = predictor(prediction_problem(obs, base)[0])
-    live = found.weights > LIVE
-    after = rms_arcsec(*(found.blocks[1][:, live] * ARCSEC)).radial
+    after = rms_arcsec(*(found.blocks[1][:, found.weights > LIVE] * ARCSEC)).radial
     if not found.beyond or not after < _BETTER * rms:
         return []
     return [Finding('better prediction', before=rms, after=after)]

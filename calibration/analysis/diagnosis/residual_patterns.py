@@ -314,8 +314,7 @@ def _clusters(rows):
     kind = np.where(np.abs(worst) > _FAR, np.sign(worst) * (1 + axis), 0).astype(int)
     if np.unique(kind[kind != 0], return_counts=True)[1].max(initial=0) < 3:
         return []
-    windows = [*_windows(rows)]
-    return clusters(kind, windows, np.random.default_rng(0))
+    return clusters(kind, [*_windows(rows)], np.random.default_rng(0))
 
 
 def _windows(rows):

@@ -218,9 +218,8 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
         values = values + fit.coefficients
     k = columns.terms
     model = _model(columns, values, fit.covariance[:k, :k], held, mount)
-    after = np.array(model.residuals(run)) - columns.orbits(values)
     return TrackFit(tracks, columns, model, values, fit, noises, precision, mean, weights, raw,
-                    after)
+                    np.array(model.residuals(run)) - columns.orbits(values))
 
 
 def _known(columns, held, free):

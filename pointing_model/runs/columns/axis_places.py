@@ -25,7 +25,7 @@ from pointing_model.runs.run import REQUIRED, known_site
 from . import equinox
 from .pier_side import note_counterweight, read_beyond, through_the_pole
 from .row_checks import PAIRS
-from .solve_columns import are_images, refuse_hours
+from .solve_columns import refuse_hours
 
 #: readings of an alt-azimuth mount are within this of their places (azimuth: without its zero)
 _NEAR = 10.0 * DEG
@@ -57,7 +57,8 @@ def observe_places(path, table, weather, origin, mount):
                          '1970-01-01')
     from pointing_model.runs.plate_solves.frames import ICRS, Solved, to_icrs
     from pointing_model.sky.places import icrs_to_observed, moment_of
-    declared, from_images = meta.pop('sky_frame', None), are_images(table)
+    declared, from_images = meta.pop('sky_frame', None), bool(
+        meta.get('solver_sigma') or meta.get('from_images'))
     frame, by_fit = declared or ICRS, 'equinox' in meta
     ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
     if 'lst_given' in columns:

@@ -26,11 +26,6 @@ _FEW = 8
 SCALE, PARITY, SIGMA = 'scale_arcsec_px', 'parity', 'sigma_arcsec'
 
 
-def are_images(table):
-    """Whether the places are plate solutions: they have a sigma or a scale."""
-    return bool(table.meta.get('solver_sigma') or table.meta.get('from_images'))
-
-
 def take_sigma(table):
     """Set `sigma_x`, `sigma_y` (arcsec) of a plate-solved table from ``sigma_arcsec``, in place.
 

@@ -106,8 +106,7 @@ def one_image(header, mapping, solve=True):
         if lacking:
             return row, f'no keyword {", ".join(missing)} for {", ".join(lacking)}', missing
         if solve:
-            found = solution_of(header, mapping.boresight)._asdict()
-            row.update(found)
+            row.update(solution_of(header, mapping.boresight)._asdict())
     except NotThere as error:
         return row, str(error), missing
     return row, None, missing

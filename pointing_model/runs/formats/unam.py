@@ -73,13 +73,12 @@ def read(path, lines):
         for i, (stamp, image) in enumerate(zip(stamps, images)) if not stamp and image})
     value = {name: rows.floats(name, rows.column(i)) for i, name in enumerate(names) if i >= 5}
     times = ['{}-{}-{}T{}:{}:{}Z'.format(*match.groups()) if match else '' for match in stamps]
-    beyond = value['rotation'] == 180.0
     columns = {
         'ra_deg': value['solved ra'], 'dec_deg': value['solved dec'],
         'time': rows.iso_times('name', times),
         'lst_given': np.remainder(value['mount ha'] + value['mount ra'], 360.0),
         'az_enc': value['mount ha'], 'el_enc': value['mount dec'],
-        'pier_side': np.where(beyond, 'west', 'east')}
+        'pier_side': np.where(value['rotation'] == 180.0, 'west', 'east')}
     meta = {'format': 'unam', 'mount_declared': 'german', 'sky_frame': ICRS, 'notes': [
         'places are the solved ones, readings hour angle and declination of the mount. Rotation '
         '180 is the side through the pole; the time is from the sidereal time of the mount']}

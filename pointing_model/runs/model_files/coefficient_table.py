@@ -27,7 +27,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import FittedEffect
-from pointing_model.harmonics import Harmonics
+from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.pointing_terms import terms_of
@@ -145,7 +145,6 @@ def read(path, text, mount=ALTAZ):
 def _harmonics(path, series):
     if not series:
         return None
-    from pointing_model.harmonics import COUNT
     values, errors = np.zeros((2, COUNT)), np.zeros((2, COUNT))
     for name, (value, error, _) in series.items():
         try:

@@ -23,7 +23,7 @@ import numpy as np
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 
-from .term_columns import summed
+from .term_columns import KEY_TERMS, summed
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,6 @@ def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
     from pointing_model.effects import effect
     from pointing_model.fitted_effects import FittedEffect
 
-    from .term_columns import KEY_TERMS
     if not mount.vertical:
         return PointingModel({key[0]: value for key, value in values.items()}, np.diag(np.square(
             [sigma.get(key, 0.0) for key in values])), None, provenance or {}, geometry, (), mount)

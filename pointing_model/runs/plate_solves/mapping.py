@@ -111,11 +111,6 @@ class Mapping:
         return found
 
 
-def looks_like_mapping(path):
-    """Whether a file is a YAML file, by its name."""
-    return Path(path).suffix.lower() in ('.yaml', '.yml')
-
-
 def load_mapping(path):
     """Read the YAML file of a mount's images.
 

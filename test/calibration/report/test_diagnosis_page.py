@@ -25,7 +25,7 @@ import pytest
 
 from calibration.analysis.diagnosis.diagnosis import diagnose
 from calibration.report.diagnosis_page import render
-from calibration.report.diagnosis_sections import exclusions, ranking
+from calibration.report.diagnosis_sections import exclusions, next_observations, ranking
 from calibration.report.diagnosis_summary import DiagnosisSummary
 from calibration.report.diagnosis_view import (
     DiagnosisView,
@@ -38,7 +38,6 @@ from calibration.report.diagnosis_view import (
 from calibration.report.drawing import Panel, limit_of, ticks
 from calibration.report.effect_wording import effect_summaries
 from calibration.report.figure_wording import best_pair
-from calibration.report.observation_section import next_observations
 from calibration.report.observation_wording import proposal_groups
 from calibration.report.page_html import drawn
 from calibration.report.residuals import Residuals
@@ -435,9 +434,9 @@ def test_tables():
     assert 'width:100%' in text and text.index('e 0') < text.index('e 1')
     # a p beside a gain that no search took says nothing that a reader could check
     assert '0.001' not in text and 'p (family' not in text
-    text = drawn(next_observations(proposal_groups([{
+    text = drawn(next_observations(proposal_groups({'effects': [], 'next_observations': [{
         'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1, 'approach_el': 1, 'after_hours': None,
-        'separates': ['a_b', 'c'], 'separation_before': 2.0, 'separation_after': 9.25}])))
+        'separates': ['a_b', 'c'], 'separation_before': 2.0, 'separation_after': 9.25}]})))
     assert 'anticlockwise, upward' in text and '<li>a b</li><li>c</li>' in text
     assert 'hours' not in text
     assert 'ΔBIC between them is 2.0, expected 9.2 with it.' in text
@@ -511,7 +510,8 @@ def test_next_observations_of_an_equatorial_mount():
            'through_pole': True, 'separates': ['a', 'b']}
 
     def text_of(row):
-        return drawn(next_observations(proposal_groups([row], 'german'), KINDS['german']))
+        document = {'effects': [], 'mount': 'german', 'next_observations': [row]}
+        return drawn(next_observations(proposal_groups(document), KINDS['german']))
     text = text_of(row)
     assert 'through the pole, eastward, toward larger readings' in text
     assert 'through the pole' not in text_of({**row, 'through_pole': False})

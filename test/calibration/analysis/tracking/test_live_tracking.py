@@ -24,7 +24,7 @@ from calibration.analysis.tracking.tracked_night import (
     difference_of,
 )
 from calibration.calibration_state import CalibrationState
-from calibration.report.calibration_diagnostics import tracking_problems
+from calibration.report.calibration_wording import tracking_problems
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
