@@ -285,14 +285,22 @@ def _axis_drift(night, axis, events, budget, also, slow=()):
     """
     rows, alternatives = night.run >= 0.0, []
     if len(events) <= 1:  # two or more steps count as a walk
-        alternatives = [(event.column[rows], 1 if event.kind == 'drift' else 2)
-                        for event in events] + [(column[rows], 1) for column in also[:1]]
-    found = count_drift(night.difference[axis][rows], night.rows[f'{SHORT[axis]}_enc'][rows],
-                        night.interval[rows], alternatives, budget.false_alarm / 2.0,
-                        [side[rows] for side in _sides(night, axis)],
-                        [(one.columns[:, rows], one.numbers) for one in slow
-                         if one.kind != 'zero drifts slowly'])
-    if found is None:
+        alternatives = [(event.column, 1 if event.kind == 'drift' else 2)
+                        for event in events] + [(column, 1) for column in also[:1]]
+    sides, angle = _sides(night, axis), night.rows[f'{SHORT[axis]}_enc']
+    slow = [one for one in slow if one.kind != 'zero drifts slowly']
+
+    def drift(of, places):
+        tonight = rows[places]
+        return count_drift(
+            of(night.difference[axis])[tonight], angle[places][tonight],
+            night.interval[places][tonight],
+            [(of(column)[tonight], cost) for column, cost in alternatives],
+            budget.false_alarm / 2.0, [of(side)[tonight] for side in sides],
+            [(of(one.columns)[:, tonight], one.numbers) for one in slow])
+    found = drift(np.asarray, np.arange(len(rows)))
+    # many exposures of one place are no walk
+    if found is None or drift(night.by_place, night.begins) is None:
         return None
     column, size = np.zeros(len(night.run)), float(np.ptp(found.path))
     column[rows] = found.path / size

@@ -107,6 +107,8 @@ class CrossCheckNight:
         Exposures for a zero, of Polaris or of stars.
     difference : ndarray, shape (2, n)
         Incremental - absolute, coordinate angles, rad.
+    begins : ndarray of int
+        First row of each place: of the exposures in a row of one star.
     """
 
     def __init__(self, rows, reference):
@@ -132,6 +134,16 @@ class CrossCheckNight:
         self.difference = np.stack([wrap(rows['az_enc'] - rows['az_abs']),
                                     wrap(rows['el_enc'] - rows['el_abs'])])
         self.cos_el = np.cos(rows['el'])
+        self.begins = np.flatnonzero((np.diff(
+            [self.run, self.interval, rows['star']], prepend=np.nan) != 0.0).any(axis=0))
+
+    def by_place(self, values):
+        """Means over the exposures in a row of one place, shape (..., places).
+
+        They share the errors of graduation and subdivision of that place.
+        """
+        counts = np.diff(self.begins, append=len(self.run))
+        return np.add.reduceat(values, self.begins, axis=-1) / counts
 
     def _absolute_power_ons(self):
         """Number of power-ons of the absolute encoder before each row, within one of the other."""

@@ -28,6 +28,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pointing_model.rms import sigma_of
+
 from ...estimation.step_scan import (
     clipped,
     detect,
@@ -36,6 +38,7 @@ from ...estimation.step_scan import (
     noise_beside,
     probabilities,
     robust_fit,
+    two_sided,
 )
 from .cross_check_rows import ABSOLUTE, ALIKE, AXES, BOTH, INCREMENTAL, LEAST
 from .jump_or_slow_change import jumps_or_slow
@@ -136,13 +139,26 @@ def difference_events(night, axis, budget, slow=()):
                           budget.false_alarm / 2.0, night.run, LEAST)  # two axes
             if best is None:
                 break
-            found.append(DifferenceEvent(
+            event = DifferenceEvent(
                 axis, *candidates.labels[best.place], candidates.column(best.place), best.amount,
-                best.sigma, best.probability * 2.0))
+                best.sigma, best.probability * 2.0)
+            fitted = design.beside(*(one.column for one in (*found, event)))
+            chance = _chance_by_places(night, event, robust_fit(fitted, y).residual, len(fitted))
+            if chance * len(candidates) >= budget.false_alarm / 2.0:
+                break
+            found.append(event)
         return found
 
     found, lead, instead = jumps_or_slow(search, slow, design, y, night.run, lambda one: one.column)
     return [event._replace(lead=lead) for event in found], instead
+
+
+def _chance_by_places(night, event, residual, fitted):
+    """P-value of an event where exposures of one place in a row count once."""
+    left, column = night.by_place(residual), night.by_place(event.column)
+    column = column[night.run[night.begins] == event.run]
+    sigma = max(float(sigma_of(left)), LEAST) / np.sqrt(np.square(column - column.mean()).sum())
+    return float(two_sided(event.amount / sigma, max(len(left) - fitted, 1)))
 
 
 def encoder_events(night, sky, events, budget, slow=((), ())):

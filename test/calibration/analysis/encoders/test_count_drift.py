@@ -143,7 +143,7 @@ def test_a_coupling_that_winds_up_is_no_walk():
             else:
                 mistaken += bool(zero_following(rows))
                 despite += bool(zero_following(known))
-    assert mistaken >= 2 and despite == 0  # where the side is not known; where it is
+    assert mistaken == despite == 0  # where the side is not known; where it is
     assert beside >= 2  # what walks beside it still does
 
 

@@ -96,6 +96,17 @@ def test_a_step_inside_a_power_on(column, axis, who, arcsec):
     assert report.alarms[0].startswith(f'{axis}: {who} moved at ')
 
 
+def test_errors_of_the_place_of_polaris_are_no_step_drift_or_walk():
+    for seed in (7, 11, 17, 21, 27):
+        rows = night(seed, noise=0.5).select(np.arange(46))  # ends on Polaris
+        rows = PointingRun({**rows.columns, **{
+            f'{axis}_abs': rows[f'{axis}_abs'] + 0.6 * ARCSEC * np.sin(
+                1080.0 * rows[f'{axis}_enc']) for axis in ('az', 'el')}})
+        assert not cross_check(rows).alarms
+    report = cross_check(moved(rows, 'el_abs', 8.0, since=30))
+    assert report.alarms[0].startswith('elevation: absolute encoder ')
+
+
 def test_a_drift_inside_a_power_on():
     rows = night(2)
     hours = (rows['time'] - rows['time'][0]) / 3600.0
