@@ -79,6 +79,12 @@ def _flop(c, mount, rng, play=0.0):
     return U * low * np.array([[0.3 * rng.normal()], [1.0]])
 
 
+def _flop_over(c, mount, rng):
+    """The same between its sides, near where the tube is highest."""
+    over = np.sin(c['az']) > np.sin(rng.uniform(-10.0, 10.0) * DEG)
+    return U * over * rng.normal(size=(2, 1))
+
+
 # ----------------------------------------------------------------------------------- rail joints
 
 def _joints(c, mount, rng, count=1):
@@ -184,6 +190,7 @@ def _wave(c, mount, rng):
 CAUSES = {
     'flop': Cause(('flop',), _flop),
     'flop with play': Cause(('flop',), lambda c, m, r: _flop(c, m, r, 5.0 * DEG), ('altaz',)),
+    'flop over': Cause(('flop_sideways',), _flop_over, ('equatorial',)),
     'rail joint': Cause(('track_bump',), _joints),
     'rail joints, six': Cause(('track_bump',), lambda c, m, r: _joints(c, m, r, 6), ('altaz',)),
     'bearing cage': Cause(('bearing_cage',), _cage, ('altaz',), prepare=_wound),

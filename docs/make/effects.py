@@ -70,15 +70,15 @@ def run_of(kind):
                                  'graduation': {}, 'worms': {'az': 180.0}})
 
 
-#: words for a German mount's axes, and those for an alt-azimuth mount
+#: words of an equatorial mount, and those of the tables before
 AXES = (('hour angle', 'azimuth'), ('polar axis', 'azimuth axis'), ('declination', 'elevation'),
-        ('CH', 'CA'))
+        ('CH', 'CA'), ('fork or saddle', 'saddle'))
 
 
 def alike(text):
     """Normalized text: without numbers, with one word for both axes, lower case."""
-    for german, word in AXES:
-        text = re.sub(rf'\b{german}\b', word, text, flags=re.I)
+    for own, word in AXES:
+        text = re.sub(rf'\b{own}\b', word, text, flags=re.I)
     return re.sub(r'\b(azimuth|elevation)\b', 'axis', re.sub(r'[\d.]+', '#', text)).lower()
 
 
@@ -103,11 +103,11 @@ def page():
     """Text of the page."""
     out, told = [HEAD], set()
     for title, kind in (('Any mount, in the words of an alt-azimuth one', 'altaz'),
-                        ('German mounts also', 'german')):
+                        ('Equatorial mounts also', 'equatorial'), ('German mounts also', 'german')):
         lines = [f'\n## {title}\n', '| cause | follows | look at |', '| --- | --- | --- |']
         for cause, driver, look_at in rows_of(kind):
             # orders and axes of one cause are one row
-            if alike(cause) in told or kind == 'german' and alike(look_at) in told:
+            if alike(cause) in told or kind != 'altaz' and alike(look_at) in told:
                 continue
             told |= {alike(cause), alike(look_at)}
             lines.append(f'| {cause} | {driver} | {look_at} |')

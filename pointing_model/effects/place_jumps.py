@@ -14,9 +14,10 @@
 
 """Errors at an unknown place: a mirror that flops, a joint of the track.
 
-The place, and for a joint its width, is scanned; at most one is real. A flop depends on gravity,
-so on the elevation, and is fixed in the frame of the tube. Joints under a wheel depend on the
-first axis.
+The place, and for a joint its width, is scanned; at most one is real. A flop depends on gravity
+and is fixed in the frame of the tube: on the elevation, or sideways as a tilted first axis carries
+the tube over its highest place (a fork: the meridian). Joints under a wheel depend on the first
+axis.
 """
 
 import numpy as np
@@ -48,6 +49,14 @@ def _flopped(c, at, play):
     return 1.0 * (el < at)
 
 
+def _flops_by(amount, axis='both'):
+    text = f'Mirror, camera or tube flops by {arcsec(amount.size)}'
+    if axis == 'both':
+        across, up = np.abs(amount.values)
+        text += f' ({arcsec(across)} left or right, {arcsec(up)} up or down)'
+    return text
+
+
 @form
 def _flop(at, axis='both', play=0.0, mount=USUAL):
     """A step of the line of sight at an elevation; with `play` it is higher on the way up.
@@ -60,11 +69,7 @@ def _flop(at, axis='both', play=0.0, mount=USUAL):
         return list(both) if axis == 'both' else [both[axis == 'el']]
 
     def wording(amount):
-        text = f'Mirror, camera or tube flops by {arcsec(amount.size)}'
-        if axis == 'both':
-            across, up = np.abs(amount.values)
-            text += f' ({arcsec(across)} left or right, {arcsec(up)} up or down)'
-        text += f' at elevation {at / DEG:.0f}°'
+        text = f'{_flops_by(amount, axis)} at elevation {at / DEG:.0f}°'
         return text + (f', {play / DEG:.0f}° later in the direction of motion' if play else '')
 
     return Effect('flop' + '_with_play' * bool(play),
@@ -98,7 +103,7 @@ def _track_bump(centre, width, count=1, mount=USUAL):
         within = 'within' if width < 0.99 * _WIDTHS[-1] else 'over at least'
         return f'The mount {moves} at {word} {where}, {within} ±{width / DEG:.1f}°'
 
-    joints = 'a joint or bump of the track' if names.vertical else 'a bad place of its bearing'
+    joints = 'a joint or bump of the track' if names.vertical else 'a bad place of the bearing'
     return Effect('track_bump' + (f's_{count}' if count > 1 else ''),
                   f'{joints} of the {names.shaft("az")}'
                   + (f': {count} alike in a turn' if count > 1 else ''),
@@ -114,25 +119,54 @@ def _track_bump(centre, width, count=1, mount=USUAL):
                   scanned=2)
 
 
+@form
+def _flop_sideways(at, mount='equatorial'):
+    """A step of the line of sight as gravity begins to pull from the other side of the tube."""
+    names = KINDS[mount]
+    word = names.word('az')
+
+    def of(c):
+        value = 1.0 * (np.sin(c.az) > np.sin(at))
+        return [(value, 0.0), (0.0, value)]
+
+    def wording(amount):
+        return (f'{_flops_by(amount)} from one side to the other at {word} '
+                f'{round(at / DEG)}°').replace('-', '−')
+
+    return Effect('flop_sideways', 'mirror, camera or tube flops from one side to the other',
+                  f'H(sin {names.letter("az")} > sin {at / DEG:.1f} deg)', names.key('az'), 'both',
+                  ('across', 'along'), of, wording,
+                  'mirror cell, secondary and focuser: what lies on one side or on the other',
+                  f'a step at one {word}',
+                  f'something flops at one {word}: mirror, secondary, camera, focuser',
+                  scan='flop_sideways', share='scans', searched=('at',))
+
+
 def propose(context, lacking, own):
     """Places with enough rows on either side, or within."""
-    yield Offer('flop', [effect('flop', at=at) for at in _between(context, _FLOPS)])
+    yield Offer('flop', [effect('flop', at=at)
+                         for at in _between(context.get('elevation'), _FLOPS)])
+    names = context.mount.names
+    # through the pole the tube turns over, and gravity pulls from the same side of it as before
+    if not (names.vertical or names.two_sided or names.pole == 'given'):
+        yield Offer('flop sideways', [effect('flop_sideways', at=at, mount=context.mount.kind)
+                                      for at in _between(np.arcsin(np.sin(context.az)), _FLOPS)])
     against = single_rows(context, 'approach_el', -1.0, 1.0)
     if context.mount.vertical and context.get('approach_el') is not None and not against:
         yield Offer('flop', [effect('flop', at=at, play=play)
                              for play in _PLAYS
-                             for at in _between(context, _FLOPS_WITH_PLAY)])
+                             for at in _between(context.get('elevation'), _FLOPS_WITH_PLAY)])
     yield Offer('track_bump', [
         effect('track_bump', centre=centre, width=width, count=count)
         for count in (1, *_JOINTS) for width in _WIDTHS[:4 if count == 1 else 2]
         for centre in _places(context.az, width, count)])
 
 
-def _between(context, most):
-    """At most `most` elevations between rows, with some rows on either side."""
-    el = np.sort(context.get('elevation'))
-    between = 0.5 * (el[1:] + el[:-1])[_FEWEST_BEYOND - 1:len(el) - _FEWEST_BEYOND]
-    between = between[np.diff(el)[_FEWEST_BEYOND - 1:len(el) - _FEWEST_BEYOND] > 1e-4]
+def _between(angle, most):
+    """At most `most` angles between rows, with some rows on either side."""
+    angle = np.sort(angle)
+    between = 0.5 * (angle[1:] + angle[:-1])[_FEWEST_BEYOND - 1:len(angle) - _FEWEST_BEYOND]
+    between = between[np.diff(angle)[_FEWEST_BEYOND - 1:len(angle) - _FEWEST_BEYOND] > 1e-4]
     return even_sample(between, most).tolist()
 
 

@@ -27,8 +27,9 @@ from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount_geometry import MountErrors, MountGeometry, azimuth_elevation
 from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.effects import Amount
-from pointing_model.mounts import is_beyond
+from pointing_model.context import Context
+from pointing_model.effects import Amount, dictionary
+from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun
 
 START, LATITUDE = 1_768_482_000.0, 34.3 * DEG
@@ -80,6 +81,22 @@ def test_a_scenario_is_named(name):
     if name == 'flop':
         plain = replace(scenario.mount, flop=MountErrors().flop)
         assert not diagnose(made(plain, 90), **FAST).effects
+
+
+def test_a_fork_whose_mirror_flops_at_the_meridian():
+    """It was taken for waves of 2 to 6 in a turn of the hour angle."""
+    rng, n = np.random.default_rng(5), 50
+    mount = Mount.equatorial(40.0 * DEG)
+    hour, dec = rng.uniform(-1.1, 1.1, n), np.arcsin(rng.uniform(-0.2, 0.9, n))
+    step = 12.0 * np.sign(hour + 2.0 * DEG)
+    x, y = (np.array([step, 0.6 * step]) + rng.normal(size=(2, n))) * ARCSEC
+    result = diagnose(PointingRun({'az': hour, 'el': dec, 'az_enc': hour + x / np.cos(dec),
+                                   'el_enc': dec + y}, {'mount': mount}), **FAST)
+    assert [e.fitted.effect.name for e in result.effects] == ['flop_sideways']
+    text = str(view_of(result))
+    assert '(24.' in text and 'hour angle −' in text
+    assert 'flop_sideways' not in {e.name for e in dictionary(
+        Context(hour, dec, mount=Mount.equatorial(40.0 * DEG, 'german')))[0]}
 
 
 def test_a_cage_up_and_down_is_not_told_from_cables_over_few_turns():
