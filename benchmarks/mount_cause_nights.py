@@ -85,6 +85,15 @@ def _flop_over(c, mount, rng):
     return U * over * rng.normal(size=(2, 1))
 
 
+def _jump(c, mount, rng):
+    """An encoder tape that begins anew at its joint: beyond it all readings of the axis are off."""
+    if rng.random() < 0.5:
+        return _second(U * (c['el'] > np.quantile(c['el'], rng.uniform(0.25, 0.75))))
+    end = 0.0 if mount.vertical else -0.5 * np.pi  # of the turn, where no star is
+    angle = np.mod(c['az'] - end, 2.0 * np.pi)
+    return _first(c, U * (angle > np.quantile(angle, rng.uniform(0.25, 0.75))))
+
+
 # ----------------------------------------------------------------------------------- rail joints
 
 def _joints(c, mount, rng, count=1):
@@ -191,6 +200,8 @@ CAUSES = {
     'flop': Cause(('flop',), _flop),
     'flop with play': Cause(('flop',), lambda c, m, r: _flop(c, m, r, 5.0 * DEG), ('altaz',)),
     'flop over': Cause(('flop_sideways',), _flop_over, ('equatorial',)),
+    'reading jump': Cause(('azimuth_jump', 'elevation_jump', 'hour_angle_jump', 'declination_jump'),
+                          _jump, ('altaz', 'german', 'equatorial')),
     'rail joint': Cause(('track_bump',), _joints),
     'rail joints, six': Cause(('track_bump',), lambda c, m, r: _joints(c, m, r, 6), ('altaz',)),
     'bearing cage': Cause(('bearing_cage',), _cage, ('altaz',), prepare=_wound),

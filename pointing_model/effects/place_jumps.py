@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Errors at an unknown place: a mirror that flops, a joint of the track.
+"""Errors at an unknown place: a mirror that flops, a joint of the track or of an encoder tape.
 
 The place, and for a joint its width, is scanned; at most one is real. A flop depends on gravity
 and is fixed in the frame of the tube: on the elevation, or sideways as a tilted first axis carries
@@ -30,9 +30,11 @@ from .base import Effect, Offer, arcsec, effect, form, single_rows
 _TURN = 2.0 * np.pi
 #: largest number of flop elevations tried (half as many find 95, not 97, of 100 flops of lambda 7
 #: in 120 rows), the same with play, and values of play between both directions, rad
-_FLOPS, _FLOPS_WITH_PLAY, _PLAYS = 96, 48, (5.0 * DEG, 10.0 * DEG, 15.0 * DEG)
+_FLOPS, _JUMPS, _FLOPS_WITH_PLAY, _PLAYS = 96, 96, 48, (5.0 * DEG, 10.0 * DEG, 15.0 * DEG)
 #: least number of rows on either side of a flop, and within a bump
 _FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
+#: gap of the first angle from which the axis is taken not to go beyond it, rad
+_GAP = 40.0 * DEG
 #: 1-sigma widths of a bump that are tried, rad; numbers of equal joints per turn
 _WIDTHS, _JOINTS = (2.0 * DEG, 4.0 * DEG, 8.0 * DEG, 16.0 * DEG), (3, 4, 6, 8, 12)
 #: in widths: distance between trial places, and distance within which a row is in the bump
@@ -142,6 +144,31 @@ def _flop_sideways(at, mount='equatorial'):
                   scan='flop_sideways', share='scans', searched=('at',))
 
 
+@form
+def _reading_jump(at, cut=0.0, axis='az', mount=USUAL):
+    """A step of the readings of an axis at one place; of the first axis, back at `cut`."""
+    names = KINDS[mount]
+    word, shaft = names.word(axis), names.shaft(axis)
+
+    def of(c):
+        if axis == 'el':
+            return [(0.0, 1.0 * (c.el > at))]
+        return [((np.mod(c.az - cut, _TURN) > np.mod(at - cut, _TURN)) * c.trig.cos_el, 0.0)]
+
+    def wording(amount):
+        return (f'The {word} readings jump by {arcsec(amount.values[0], True)} at {word} '
+                f'{round(at / DEG)}°').replace('-', '−')
+
+    return Effect(f'{names.key(axis)}_jump', f'readings of the {shaft} jump at one place: the '
+                  'joint of an encoder tape, a tooth, or gears that change flanks',
+                  f'H({names.letter(axis)} > {at / DEG:.1f} deg)', names.key(axis), axis,
+                  ('step',), of, wording,
+                  f'the encoder of the {shaft} there: joint and ends of its tape, its coupling; '
+                  'the balance of what the axis carries: where it changes sides, so do the gears',
+                  f'a step at one {word}', f'readings of the {shaft} jump at one place',
+                  scan=f'{axis}_jump', share='scans', searched=('at',))
+
+
 def propose(context, lacking, own):
     """Places with enough rows on either side, or within."""
     yield Offer('flop', [effect('flop', at=at)
@@ -151,6 +178,12 @@ def propose(context, lacking, own):
     if not (names.vertical or names.two_sided or names.pole == 'given'):
         yield Offer('flop sideways', [effect('flop_sideways', at=at, mount=context.mount.kind)
                                       for at in _between(np.arcsin(np.sin(context.az)), _FLOPS)])
+    for cut in _cuts(context.az):
+        yield Offer('jump', [effect('reading_jump', at=wrap(cut + at), cut=cut,
+                                    mount=context.mount.kind)
+                             for at in _between(np.mod(context.az - cut, _TURN), _JUMPS)])
+    yield Offer('jump', [effect('reading_jump', at=at, axis='el', mount=context.mount.kind)
+                         for at in _between(context.el, _JUMPS)])
     against = single_rows(context, 'approach_el', -1.0, 1.0)
     if context.mount.vertical and context.get('approach_el') is not None and not against:
         yield Offer('flop', [effect('flop', at=at, play=play)
@@ -168,6 +201,14 @@ def _between(angle, most):
     between = 0.5 * (angle[1:] + angle[:-1])[_FEWEST_BEYOND - 1:len(angle) - _FEWEST_BEYOND]
     between = between[np.diff(angle)[_FEWEST_BEYOND - 1:len(angle) - _FEWEST_BEYOND] > 1e-4]
     return even_sample(between, most).tolist()
+
+
+def _cuts(angle):
+    """Where the first axis ends its turn: the middle of the largest gap, or north and south."""
+    angle = np.sort(np.mod(angle, _TURN))
+    gap = np.diff(angle, append=angle[:1] + _TURN)
+    k = int(np.argmax(gap))
+    return [float(angle[k] + 0.5 * gap[k])] if gap[k] > _GAP else [0.0, np.pi]
 
 
 def _places(angle, width, count):

@@ -27,8 +27,7 @@ from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount_geometry import MountErrors, MountGeometry, azimuth_elevation
 from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.context import Context
-from pointing_model.effects import Amount, dictionary
+from pointing_model.effects import Amount
 from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun
 
@@ -83,20 +82,25 @@ def test_a_scenario_is_named(name):
         assert not diagnose(made(plain, 90), **FAST).effects
 
 
-def test_a_fork_whose_mirror_flops_at_the_meridian():
-    """It was taken for waves of 2 to 6 in a turn of the hour angle."""
-    rng, n = np.random.default_rng(5), 50
-    mount = Mount.equatorial(40.0 * DEG)
-    hour, dec = rng.uniform(-1.1, 1.1, n), np.arcsin(rng.uniform(-0.2, 0.9, n))
-    step = 12.0 * np.sign(hour + 2.0 * DEG)
-    x, y = (np.array([step, 0.6 * step]) + rng.normal(size=(2, n))) * ARCSEC
-    result = diagnose(PointingRun({'az': hour, 'el': dec, 'az_enc': hour + x / np.cos(dec),
-                                   'el_enc': dec + y}, {'mount': mount}), **FAST)
-    assert [e.fitted.effect.name for e in result.effects] == ['flop_sideways']
-    text = str(view_of(result))
-    assert '(24.' in text and 'hour angle −' in text
-    assert 'flop_sideways' not in {e.name for e in dictionary(
-        Context(hour, dec, mount=Mount.equatorial(40.0 * DEG, 'german')))[0]}
+@pytest.mark.parametrize('kind, steps, name, said', (
+    ('equatorial', (('hour', (1.0, 0.6)),), 'flop_sideways', 'at hour angle −'),
+    ('equatorial', (('dec', (0.0, 1.0)),), 'declination_jump', 'jump by +24.'),
+    ('altaz', (('hour', (1.0, 0.0)),), 'azimuth_jump', 'azimuth readings jump by +2')))
+def test_a_step_at_one_place(kind, steps, name, said):
+    """Mirrors and encoder tapes; they were taken for waves of 1 to 6 in a turn."""
+    rng, n = np.random.default_rng(6), 50
+    mount = Mount() if kind == 'altaz' else Mount.equatorial(40.0 * DEG)
+    first, second = rng.uniform(-1.1, 1.1, n), np.arcsin(rng.uniform(0.0, 0.9, n))
+    of = {'hour': first + 2.0 * DEG, 'dec': second - 26.0 * DEG}
+    offset = rng.normal(size=(2, n)) + sum(
+        12.0 * np.sign(of[driver]) * np.array([[x], [y]])
+        * (np.cos(second) if kind == 'altaz' else 1.0) for driver, (x, y) in steps)
+    x, y = offset * ARCSEC
+    result = diagnose(PointingRun({
+        'az': first, 'el': second, 'az_enc': first + x / np.cos(second),
+        'el_enc': second + y}, {'mount': mount}), **FAST)
+    assert [e.fitted.effect.name for e in result.effects] == [name]
+    assert said in str(view_of(result))
 
 
 def test_a_cage_up_and_down_is_not_told_from_cables_over_few_turns():
