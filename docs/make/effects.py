@@ -72,7 +72,8 @@ def run_of(kind):
 
 #: words of an equatorial mount, and those of the tables before
 AXES = (('hour angle', 'azimuth'), ('polar axis', 'azimuth axis'), ('declination', 'elevation'),
-        ('CH', 'CA'), ('fork or saddle', 'saddle'))
+        ('CH', 'CA'), ('fork or saddle', 'saddle'),
+        ('disc, worm wheel or horseshoe ring', 'disc'), ('disc or worm wheel', 'disc'))
 
 
 def alike(text):

@@ -163,8 +163,8 @@ def _reading_jump(at, cut=0.0, axis='az', mount=USUAL):
                   'joint of an encoder tape, a tooth, or gears that change flanks',
                   f'H({names.letter(axis)} > {at / DEG:.1f} deg)', names.key(axis), axis,
                   ('step',), of, wording,
-                  f'the encoder of the {shaft} there: joint and ends of its tape, its coupling; '
-                  'the balance of what the axis carries: where it changes sides, so do the gears',
+                  f'joint and ends of the encoder tape of the {shaft}, its coupling; the balance: '
+                  'where it changes sides the gears change flanks',
                   f'a step at one {word}', f'readings of the {shaft} jump at one place',
                   scan=f'{axis}_jump', share='scans', searched=('at',))
 
@@ -176,13 +176,13 @@ def propose(context, lacking, own):
     names = context.mount.names
     # through the pole the tube turns over, and gravity pulls from the same side of it as before
     if not (names.vertical or names.two_sided or names.pole == 'given'):
-        yield Offer('flop sideways', [effect('flop_sideways', at=at, mount=context.mount.kind)
+        yield Offer('flop_sideways', [effect('flop_sideways', at=at, mount=context.mount.kind)
                                       for at in _between(np.arcsin(np.sin(context.az)), _FLOPS)])
     for cut in _cuts(context.az):
-        yield Offer('jump', [effect('reading_jump', at=wrap(cut + at), cut=cut,
+        yield Offer('reading_jump', [effect('reading_jump', at=wrap(cut + at), cut=cut,
                                     mount=context.mount.kind)
                              for at in _between(np.mod(context.az - cut, _TURN), _JUMPS)])
-    yield Offer('jump', [effect('reading_jump', at=at, axis='el', mount=context.mount.kind)
+    yield Offer('reading_jump', [effect('reading_jump', at=at, axis='el', mount=context.mount.kind)
                          for at in _between(context.el, _JUMPS)])
     against = single_rows(context, 'approach_el', -1.0, 1.0)
     if context.mount.vertical and context.get('approach_el') is not None and not against:
