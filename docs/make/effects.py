@@ -72,7 +72,7 @@ def run_of(kind):
 
 #: words of an equatorial mount, and those of the tables before
 AXES = (('hour angle', 'azimuth'), ('polar axis', 'azimuth axis'), ('declination', 'elevation'),
-        ('CH', 'CA'), ('fork or saddle', 'saddle'),
+        ('CH', 'CA'), ('fork or saddle', 'saddle'), ('δ', 'E'),
         ('disc, worm wheel or horseshoe ring', 'disc'), ('disc or worm wheel', 'disc'))
 
 
@@ -80,7 +80,7 @@ def alike(text):
     """Normalized text: without numbers, with one word for both axes, lower case."""
     for own, word in AXES:
         text = re.sub(rf'\b{own}\b', word, text, flags=re.I)
-    return re.sub(r'\b(azimuth|elevation)\b', 'axis', re.sub(r'[\d.]+', '#', text)).lower()
+    return re.sub(r'\b(azimuth|elevation)\b', 'axis', re.sub(r'[\d.]+', '#', text.lower()))
 
 
 def rows_of(kind):
