@@ -16,10 +16,10 @@
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.rms import sigma_of
 
-from .analysis.camera_faults import SAME_ROWS, frozen_rows, turned_rows
+from .analysis.camera_faults import SAME_ROWS, frozen_rows, rotation, turned_rows
 
 #: if more than this part of the observations is faulty, none is used
 MOST_DISTRUSTED = 1.0 / 3.0
@@ -29,6 +29,8 @@ CONTRADICTED = 10.0
 
 TURNED_CAMERA = 'what the camera measured fits the pointing with {} alone'
 FROZEN_CAMERA = 'the camera said the same miss distance in {} observations in a row or more'
+#: sigmas of a rotation that is reported; what the terms lack makes larger ones than noise, by 1.2
+_ROTATED = 5.0
 #: fewest rows whose scatter is meaningful
 _FEW = 8
 #: least noise of a centroid from seeing, 1 sigma of an axis, rad: image motion in short exposures
@@ -81,7 +83,7 @@ def reasons(rows):
 
 
 def notes_of(rows):
-    """`reasons`, and a note if the miss distances scatter less than seeing allows.
+    """`reasons`, and notes on a rotated camera, and on miss distances that scatter too little.
 
     A camera that always reports about the same makes a fit look too good: the fit returns the model
     by which the mount was pointed, with residuals as small as the noise of the encoders. Long
@@ -100,8 +102,12 @@ def notes_of(rows):
     out, bad = reasons(rows), distrusted(rows)
     if not _is_of_observer(rows):
         return out
-    miss = np.stack((rows['miss_x'], rows['miss_y']))[:, ~bad]
-    miss = miss[:, np.isfinite(miss).all(axis=0)]
+    miss = np.stack((rows['miss_x'], rows['miss_y']))
+    used = ~bad & np.isfinite(miss).all(axis=0)
+    miss = miss[:, used]
+    if 'run' in rows:
+        stars = used & (np.asarray(rows.get('star', used)) >= 0)
+        out += _rotated(rows.select(np.flatnonzero(stars)))
     if miss.shape[1] < _FEW:
         return out
     sigma = float(sigma_of(miss - np.median(miss, axis=1, keepdims=True), axis=1).max())
@@ -110,6 +116,17 @@ def notes_of(rows):
     return [*out, f'miss distances of {miss.shape[1]} observations scatter by only '
             f'{sigma / ARCSEC:.2f} arcsec, less than image motion by seeing '
             f'({AIR / ARCSEC:.1f}): check that the camera measures at all']
+
+
+def _rotated(rows):
+    """A note on a camera whose axes are rotated against those of the mount, as a list."""
+    angle, sigma = rotation(rows)
+    if not abs(angle) > _ROTATED * sigma:
+        return []
+    largest = float(np.hypot(rows['miss_x'], rows['miss_y']).max())
+    return [f'the camera is rotated by {angle / DEG:+.1f} ± {sigma / DEG:.1f} deg against the axes '
+            f'(from x, right, to y, up): rows are off by up to {abs(angle) * largest / ARCSEC:.1f} '
+            'arcsec. Rotate its x and y in the driver']
 
 
 def contradiction(rows, report=None):

@@ -105,8 +105,51 @@ def _turned_of(rows):
     return wrong, sense
 
 
+def rotation(rows):
+    """Angle by which a camera is rotated against the axes, and its standard error.
+
+    An angle f, positive from x to y, leaves sin f (-m_y, m_x) of a miss distance m in a row.
+    Neither noise nor what the terms lack does so: they are in m and in the residual alike, and
+    their product cancels.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        With ``miss_x``, ``miss_y`` and ``run``, of a camera that is not mirrored.
+
+    Returns
+    -------
+    angle, sigma : float
+        rad; NaN where there are too few rows.
+    """
+    x, y = rows['miss_x'], rows['miss_y']
+    terms = _terms(rows, np.isfinite(x + y))
+    if terms is None:
+        return np.nan, np.nan
+    known, columns, offsets = terms
+    columns = np.column_stack((columns, np.where(np.tile(known, 2), np.append(-y, x), 0.0)))
+    out, found, weights = _robust(columns, offsets, known)
+    scatter = np.sum(weights * out**2) / max(weights.sum() - columns.shape[1], 1.0)
+    covariance = np.linalg.pinv((columns.T * weights) @ columns, rcond=1e-12, hermitian=True)
+    angle = np.arcsin(np.clip(found[-1], -1.0, 1.0))
+    return float(angle), float(np.sqrt(scatter * covariance[-1, -1]))
+
+
 def _left(rows, known):
     """Function ``left(wrong)``: residuals of all rows, terms fitted without `wrong`; or None."""
+    terms = _terms(rows, known)
+    if terms is None:
+        return None
+    known, columns, offsets = terms
+
+    def left(wrong):
+        out, _, _ = _robust(columns, offsets, known & ~wrong)
+        return np.where(known, out.reshape(2, -1), np.nan)
+    return left
+
+
+def _terms(rows, known):
+    """Usable rows, columns of the terms and zeros, and offsets, rad; None if rows are too few."""
     places = np.stack((rows['az'], rows['el']))
     known &= np.isfinite(places).all(axis=0) & np.isfinite(rows['az_enc'] + rows['el_enc'])
     if known.sum() < LEAST:
@@ -117,21 +160,22 @@ def _left(rows, known):
     for number in np.unique(rows['run'])[1:]:  # each power-on has its own zero
         own, none = rows['run'] == number, np.zeros(len(rows))
         columns += [np.append(own * cosine, none), np.append(none, own)]
-    columns = np.array(columns).T
-    y = np.append(wrap(rows['az_enc'] - first) * cosine, rows['el_enc'] - second)
+    return known, np.array(columns).T, np.append(
+        wrap(rows['az_enc'] - first) * cosine, rows['el_enc'] - second)
 
-    def left(wrong):
-        used = np.tile(known & ~wrong, 2)
-        weights = used.astype(float)
-        for _ in range(5):  # robust weights, against misidentified stars
-            root = np.sqrt(weights)
-            p = np.linalg.lstsq(columns * root[:, np.newaxis], np.where(used, y, 0.0) * root,
-                                rcond=1e-6)[0]
-            out = (y - columns @ p).reshape(2, -1)
-            far = np.hypot(*out) / max(_noise(out[:, known & ~wrong]), LEAST_NOISE)
-            weights = np.where(used, np.tile((1.0 - np.minimum(far / 6.0, 1.0)**2)**2, 2), 0.0)
-        return np.where(known, out, np.nan)
-    return left
+
+def _robust(columns, offsets, used):
+    """Residuals of a fit to the rows `used`, coefficients and weights; for misidentified stars."""
+    used = np.tile(used, 2)
+    weights = used.astype(float)
+    for _ in range(5):
+        root = np.sqrt(weights)
+        found = np.linalg.lstsq(columns * root[:, np.newaxis],
+                                np.where(used, offsets, 0.0) * root, rcond=1e-6)[0]
+        out = offsets - columns @ found
+        far = np.hypot(*out.reshape(2, -1)) / max(_noise(out[used]), LEAST_NOISE)
+        weights = np.where(used, np.tile((1.0 - np.minimum(far / 6.0, 1.0)**2)**2, 2), 0.0)
+    return out, found, weights
 
 
 def _noise(left):

@@ -122,6 +122,21 @@ def test_a_camera_that_says_about_the_same_is_told_and_no_other(noise, told):
         assert said[0] in session(lying).fit()[1]['notes']
 
 
+def test_a_rotated_camera_is_noted_with_its_angle_and_no_other():
+    for seed in range(5):
+        rows, rng = night(stars=30, seed=seed), np.random.default_rng(seed)
+        miss = 25.0 * ARCSEC * rng.normal(size=(2, len(rows)))
+        rows.columns['miss_x'], rows.columns['miss_y'] = miss
+        assert notes_of(rows) == []
+        cosine, sine = np.cos(12.0 * DEG), np.sin(12.0 * DEG)
+        wrong = miss - np.array([[cosine, sine], [-sine, cosine]]) @ miss  # of a star at R^-1 m
+        rows['az_enc'][:] += wrong[0] / np.cos(rows['el'])
+        rows['el_enc'][:] += wrong[1]
+        note, = notes_of(rows)
+        angle, sigma = (float(note.split(before)[1].split()[0]) for before in ('by ', '± '))
+        assert abs(angle - 12.0) < 4.0 * sigma < 4.0
+
+
 # --- a camera that is turned amid the night ------------------------------------------------------
 
 
