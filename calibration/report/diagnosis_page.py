@@ -50,36 +50,37 @@ def render(view, files=None):
     data = view.residuals
     title = 'Pointing diagnosis' + f': {view.about}' * bool(view.about)
     return whole(f'{title} ({view.word})', [
-        page.Heading(title), page.Paragraph(view.meta, 'meta'), controls(data),
-        page.VerdictSection(summary.headline, [
-            page.Cards(summary.numbers),
-            page.Paragraph(summary.numbers and f'RMS on the sky, {summary.validation}.', 'note'),
+        page.heading(title), page.paragraph(view.meta, 'meta'), controls(data),
+        page.verdict_section(summary.headline, [
+            page.cards(summary.numbers),
+            page.paragraph(summary.numbers and f'RMS on the sky, {summary.validation}.', 'note'),
             sky_maps(data, largest_effect(view))], view.badge[1], view.badge[0]),
-        errors_section(summary.effects, page.SentenceList([*summary.cautions, summary.todo]),
+        errors_section(summary.effects, page.sentence_list([*summary.cautions, summary.todo]),
                        'Largest errors' if summary.effects else 'Cautions and limits'),
-        page.Section('Outliers', tables.outliers(document)),
-        page.FoldedSection('Evidence', [tables.evidence(view), page.Table(
+        page.section('Outliers', tables.outliers(document)),
+        page.folded_section('Evidence', [tables.evidence(view), page.table(
             ('error', 'limit'), limit_rows(document), 'numbers', 'Detection limits')]),
-        page.FoldedSection('RMS', [tables.gain_bars(view), tables.held_out(document, data.axes)]),
+        page.folded_section('RMS', [tables.gain_bars(view), tables.held_out(document, data.axes)]),
         effects_section(view),
-        page.FoldedSection('Next observations', tables.next_observations(
+        page.folded_section('Next observations', tables.next_observations(
             proposal_groups(document), kind, data.grid)),
         drivers_section(view),
-        page.FoldedSection('Target', targets(data)),
-        page.FoldedSection('Histograms', histograms(data)),
-        page.FoldedSection('Candidate effects', tables.ranking(view.ranking),
-                           f'Each alone, beside {model_words(document, whose=False)}.'),
-        page.FoldedSection('Terms', [
+        page.folded_section('Target', targets(data)),
+        page.folded_section('Histograms', histograms(data)),
+        page.folded_section('Candidate effects', tables.ranking(view.ranking),
+                            f'Each alone, beside {model_words(document, whose=False)}.'),
+        page.folded_section('Terms', [
             terms_page_table(view.terms), run_terms_table(view.run_terms),
             correlation_table(view.correlated, view.correlations)],
             f'Encoder − catalogue. {_tpoint_signs(kind)}'),
-        page.FoldedSection('Stars', stars_table(data)),
-        page.FoldedSection('Notes on the data', page.SentenceList([*view.page_notes, *view.signs])),
-        page.FoldedSection('Excluded rows', tables.exclusions(
+        page.folded_section('Stars', stars_table(data)),
+        page.folded_section('Notes on the data',
+                            page.sentence_list([*view.page_notes, *view.signs])),
+        page.folded_section('Excluded rows', tables.exclusions(
             document.get('excluded') or (), document.get('rows_are') or 'row')),
-        page.FoldedSection('Not testable', tables.untestable(view.untestable)),
+        page.folded_section('Not testable', tables.untestable(view.untestable)),
         None if files is None else provenance_section([], files),
-        page.Footer(f'Encoder − catalogue, {data.axes[0]}, arcsec on the sky.'),
+        page.footer(f'Encoder − catalogue, {data.axes[0]}, arcsec on the sky.'),
         preview(data, view.fits, view.lines, 'diagnose', view.file) if view.fits else None,
     ], 'Pointing diagnosis of a telescope mount')
 

@@ -50,15 +50,15 @@ def gain_bars(view):
         rows.insert(at, ('cross-validated in blocks of time', blocks['before'], blocks['after']))
     if not rows:
         return None
-    return page.BarChart([(label, [(one, 'before', 'before'), (other, 'after', 'after')])
-                          for label, one, other in rows], document.get('noise_floor_arcsec'),
+    return page.bar_chart([(label, [(one, 'before', 'before'), (other, 'after', 'after')])
+                           for label, one, other in rows], document.get('noise_floor_arcsec'),
                      view.floor)
 
 
 def evidence(view):
     """Table of the evidence for each effect, and overall figures."""
-    rows = [(one.title, page.Size(row['removes_rms_arcsec']), _gain(row.get('cv_gain_arcsec')),
-             page.Number(row.get('delta_bic'), 1), probability(row.get('p_family')),
+    rows = [(one.title, page.size(row['removes_rms_arcsec']), _gain(row.get('cv_gain_arcsec')),
+             page.number(row.get('delta_bic'), 1), probability(row.get('p_family')),
              _found_in(view.document, row))
             for one, row in zip(view.effects, view.document['effects'])]
     document = view.document
@@ -75,12 +75,12 @@ def evidence(view):
                         f'{arcsec(expected["rms_arcsec"])} ({arcsec(expected["low_arcsec"])} to '
                         f'{arcsec(expected["high_arcsec"])}, '
                         f'{100 * expected["confidence"]:.0f} %)'))
-    return [page.Table(('effect', 'RMS removed', 'CV improvement', 'ΔBIC', 'p', 'resamples'), rows,
-                       'numbers folding', 'Evidence for each effect'), page.Definitions(figures)]
+    return [page.table(('effect', 'RMS removed', 'CV improvement', 'ΔBIC', 'p', 'resamples'), rows,
+                       'numbers folding', 'Evidence for each effect'), page.definitions(figures)]
 
 
 def _gain(value):
-    return None if value is None else page.Size(value, sign=True)
+    return None if value is None else page.size(value, sign=True)
 
 
 def _found_in(document, row):
@@ -94,14 +94,14 @@ def held_out(document, axes):
     keys = [f'rms_{key}arcsec' for key in ('x_', 'y_', '')]
     rows = [[f'{night["run"]}: bad' if night['bad'] else night['run'], str(night['rows']),
              str(night['set_aside']),
-             *(page.Number(night[when][key]) for when in ('before', 'after') for key in keys)]
+             *(page.number(night[when][key]) for when in ('before', 'after') for key in keys)]
             for night in nights]
     names = [*(axis.partition(' × ')[0] for axis in axes), 'radial']
     head = ['run', 'rows', 'set aside',
             *(f'{when}, {name}' for when in ('before', 'after') for name in names)]
     note = 'RMS on the sky, arcsec, with outliers.' * bool(nights)
-    return page.Subsection('Runs held out', [page.Table(head, rows, 'numbers folding'),
-                                             page.Paragraph(note, 'note')])
+    return page.subsection('Runs held out', [page.table(head, rows, 'numbers folding'),
+                                             page.paragraph(note, 'note')])
 
 
 # ------------------------------------------------------------------------------- the candidates
@@ -125,7 +125,7 @@ def ranking(rows, limit=6):
         if row.get('or_noise'):
             cell[4] = f'{cell[4]}~'
     more = len(rows) - limit
-    return [page.Table(_RANKING, cells, 'ranking'), page.Paragraph(
+    return [page.table(_RANKING, cells, 'ranking'), page.paragraph(
         f'●: within {SET_WIDTH:g} of the best ΔBIC' + '; ~: or correlated noise' * marked
         + f'; {more} more in the JSON result' * (more > 0) + '.', 'note')]
 
@@ -141,7 +141,7 @@ def _candidates(rows):
         gain = r['delta_bic']
         part = np.clip(gain / top, 0.0, 1.0) if np.isfinite(gain) and top > 0 else 0.0
         out.append([str(i), readable(r['name']), AXIS_WORDS.get(r.get('axes'), r.get('axes')),
-                    [page.FilledBar(part, r['in_set']), page.Number(gain, 1)],
+                    [page.filled_bar(part, r['in_set']), page.number(gain, 1)],
                     '●' if r['in_set'] else ''])
     return out
 
@@ -155,10 +155,10 @@ def outliers(document, limit=8):
     word = document.get('rows_are') or 'row'
     if len(rows) <= MOST_OUTLIERS:
         return None
-    return [page.Table((word, 'star', 'off on the sky'), [
+    return [page.table((word, 'star', 'off on the sky'), [
         (f'{row.get("source", "")} {row["row"]}'.strip(), row.get('star'),
-         page.Size(np.hypot(row['x_arcsec'], row['y_arcsec']))) for row in rows[:limit]],
-        'numbers'), page.Paragraph(f'And {len(rows) - limit} more.' * (len(rows) > limit), 'note')]
+         page.size(np.hypot(row['x_arcsec'], row['y_arcsec']))) for row in rows[:limit]],
+        'numbers'), page.paragraph(f'And {len(rows) - limit} more.' * (len(rows) > limit), 'note')]
 
 
 def exclusions(excluded, word='row', limit=12):
@@ -173,8 +173,8 @@ def exclusions(excluded, word='row', limit=12):
                   if several and one.get('source') else str(one.get('row')) for one in ones]
         first, more = (', '.join(some) for some in (places[:limit], places[limit:]))
         rows.append([reason, str(len(ones)), [first, *[
-            ' ', page.Folded(f'and {len(places) - limit} more', more)] * bool(more)]])
-    return page.Table(['reason', 'count', f'{word}s'], rows)
+            ' ', page.folded(f'and {len(places) - limit} more', more)] * bool(more)]])
+    return page.table(['reason', 'count', f'{word}s'], rows)
 
 
 _SAME_CURVE = 'same as terms of the base here'
@@ -192,7 +192,7 @@ def untestable(rows, limit=2):
              for reason, names in list(reasons.items())[:_REASONS]]
     unknown = [[reason.removesuffix(_UNKNOWN), names] for reason, names in named
                if reason.endswith(_UNKNOWN)]
-    return [page.Table(['not known', 'effects'], unknown), page.Table(
+    return [page.table(['not known', 'effects'], unknown), page.table(
         ['reason', 'effects'], [row for row in named if not row[0].endswith(_UNKNOWN)])]
 
 
@@ -224,8 +224,8 @@ def next_observations(groups, kind=KINDS[USUAL], grid=None):
     az, el = (np.radians([float(row[name]) for row in rows]) for name in ('az_deg', 'el_deg'))
     sky.marks(az, el, 'next', [f'{a:.0f}° azimuth, {e:.0f}° elevation'
                                for a, e in zip(np.degrees(az), np.degrees(el))])
-    return page.Block([page.Figure(svg(320, 320, sky.parts, 'Where to observe next')),
-                       page.Block([tables, page.Paragraph(more, 'note')])], 'side')
+    return page.block([page.figure(svg(320, 320, sky.parts, 'Where to observe next')),
+                       page.block([tables, page.paragraph(more, 'note')])], 'side')
 
 
 def _next_group(head, group, note, kind):
@@ -244,9 +244,9 @@ def _next_group(head, group, note, kind):
         if row.get('last_move_deg'):
             sides.append(f'{row["last_move_deg"]:g}° back')
         hours = f'{number(row.get("after_hours"), 1)} {row.get("utc") or ""}'
-        cells.append([str(row['number']), *(page.Number(row[key], 0) for key in places),
+        cells.append([str(row['number']), *(page.number(row[key], 0) for key in places),
                       *[hours] * timed,
-                      page.Number(row.get('separation_after'), 1)])
+                      page.number(row.get('separation_after'), 1)])
         ways.append(', '.join(sides))
     moved = any(ways)
     if moved:
@@ -254,7 +254,7 @@ def _next_group(head, group, note, kind):
             row.insert(1 + len(places), way or 'any')
     way = 'side, last motion' if kind.two_sided or any(
         row.get('through_pole') for row in group) else 'last motion'
-    return page.Subsection('Separates' if head else 'Proposed', [
-        page.SentenceList(head), page.Paragraph(note, 'note'),
-        page.Table(['', *(f'{word} [°]' for word in places.values()), *[way] * moved,
+    return page.subsection('Separates' if head else 'Proposed', [
+        page.sentence_list(head), page.paragraph(note, 'note'),
+        page.table(['', *(f'{word} [°]' for word in places.values()), *[way] * moved,
                     *['hours from the last row [h], UTC'] * timed, 'expected ΔBIC'], cells)])

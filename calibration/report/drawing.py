@@ -14,11 +14,10 @@
 
 """Small figures as inline SVG: no library needed, sharp in print, searchable text."""
 
-from html import escape
 
 import numpy as np
 
-from .page_parts import Markup
+from .page_parts import Markup, clean
 
 #: largest number of points drawn in one panel; numbers in captions are of all rows
 MAX_POINTS = 3000
@@ -29,12 +28,6 @@ MAX_NAMED = 400  # largest number of points with names as tooltips
 MAX_LINKED, MAX_POINTED = 1100, 1500
 #: "after" is drawn again, magnified, if smaller than "before" by more than this factor
 MAGNIFIED = 4.0
-
-
-def clean(text):
-    """`text` escaped for HTML and XML, without characters that XML does not allow."""
-    text = ''.join(c if c.isprintable() else '\ufffd' for c in str(text))
-    return escape(text, quote=True)
 
 
 def ticks(low, high, count=5):

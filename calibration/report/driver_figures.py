@@ -33,21 +33,22 @@ def effects_section(view):
     """Section on the effects: partial residuals, causes and formula of each."""
     left = len(view.effects) - MOST_ERRORS
     more = f'{left} smaller ones: in the JSON result.' if left > 0 else ''
-    return page.FoldedSection('Effects', [_effect(view, one) for one in view.effects[:MOST_ERRORS]],
-                              ' '.join(filter(None, [view.axes_note, more])))
+    return page.folded_section(
+        'Effects', [_effect(view, one) for one in view.effects[:MOST_ERRORS]],
+        ' '.join(filter(None, [view.axes_note, more])))
 
 
 def largest_effect(view):
     """Figure of the first effect, if it has one and acts on one axis only."""
-    figure = effect_figure(view, view.effects[0]) if view.effects else None
-    return None if figure is None or isinstance(figure.drawing, page.FigurePair) else figure
+    figure, axes = effect_figure(view, view.effects[0]) if view.effects else (None, 0)
+    return figure if axes == 1 else None
 
 
 def _effect(view, effect):
-    figure = effect_figure(view, effect)
-    kind = 'effect one' if figure and not isinstance(figure.drawing, page.FigurePair) else 'effect'
-    return page.Subsection(effect.name, page.Block([
-        page.Block([_causes(effect.causes), page.Definitions(effect.facts)]), figure], kind))
+    figure, axes = effect_figure(view, effect)
+    kind = 'effect one' if axes == 1 else 'effect'
+    return page.subsection(effect.name, page.block([
+        page.block([_causes(effect.causes), page.definitions(effect.facts)]), figure], kind))
 
 
 def _causes(rows):
@@ -56,14 +57,14 @@ def _causes(rows):
     for before, row in reversed(list(pairwise(rows))):
         if row[-1] and row[-1] == before[-1]:
             row[-1] = 'the same'
-    return page.Table(('cause', 'ΔBIC', 'coefficients ″', 'check'), rows, 'folding stack')
+    return page.table(('cause', 'ΔBIC', 'coefficients ″', 'check'), rows, 'folding stack')
 
 
 def effect_figure(view, effect):
-    """Partial residuals, without this effect alone, and the effect itself against its driver."""
+    """Partial residuals without this effect alone, and it, against its driver; number of axes."""
     driver = effect.driver
     if driver is None:
-        return None
+        return None, 0
     data, own = view.residuals, effect.own
     x, used = _spread(driver), data.used & np.isfinite(own).all(axis=0)
     out = []
@@ -79,11 +80,11 @@ def effect_figure(view, effect):
         panel.dashes(x[used], fitted[used], 'fit', 26.0 if driver.levels else 7.0)
         out.append(svg(420, 262, panel.parts, f'{effect.name}, {title}'))
     if not out:
-        return None
-    return page.Figure(
-        out[0] if len(out) == 1 else page.FigurePair(out),
+        return None, 0
+    return page.figure(
+        out[0] if len(out) == 1 else page.figure_pair(out),
         f'Strokes: the effect, {arcsec(float(rms(*own[:, used])))} RMS; dots: effect plus '
-        f'residual{_how_to_read(driver, effect)}.')
+        f'residual{_how_to_read(driver, effect)}.'), len(out)
 
 
 def _how_to_read(driver, effect):
@@ -95,9 +96,9 @@ def _how_to_read(driver, effect):
 def drivers_section(view):
     """Residuals of both axes against all drivers; only the first ones are not folded away."""
     drawn = [driver_figure(view, driver) for driver in view.drivers]
-    marks = page.Legend((*page.Legend().entries, *[('fit', 'effects')] * view.changed))
-    return page.FoldedSection('Residuals by driver', [
-        marks, drawn[:_MOST], page.Folded(f'{len(drawn) - _MOST} more drivers', drawn[_MOST:])],
+    marks = page.legend((*page.MARKS, *[('fit', 'effects')] * view.changed))
+    return page.folded_section('Residuals by driver', [
+        marks, drawn[:_MOST], page.folded(f'{len(drawn) - _MOST} more drivers', drawn[_MOST:])],
         '' if view.effects else view.axes_note)
 
 
@@ -121,7 +122,7 @@ def driver_figure(view, driver):
         out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}',
                        'link'))
     missing = int((~np.isfinite(driver.values[used])).sum())
-    return page.Figure(page.FigurePair(out), f'Unknown in {missing} rows.' if missing else '')
+    return page.figure(page.figure_pair(out), f'Unknown in {missing} rows.' if missing else '')
 
 
 def _spread(driver):

@@ -70,7 +70,7 @@ def error_table(lines, first=0):
     sizes = [(head, name) for head, name in (
         ('peak to peak', 'reach_arcsec'), ('RMS removed', 'removes_arcsec'))
         if any(getattr(one, name) is not None for one in lines)]
-    return page.Table(
+    return page.table(
         ('', 'error', *(head for head, _ in sizes), 'likely causes', 'check first'),
         [(str(i), one.name, *(_size(getattr(one, name)) for _, name in sizes),
           one.named_causes(1 + (i == 1 and len(lines) < MOST_ERRORS)), one.check or None)
@@ -80,9 +80,9 @@ def error_table(lines, first=0):
 
 def errors_section(lines, more=None, title='Largest errors', note=''):
     """The section of the largest errors: the first ones, the others folded, then `more`."""
-    return page.Section(title, [
+    return page.section(title, [
         error_table(lines[:MOST_ERRORS]),
-        page.Folded(f'And {len(lines) - MOST_ERRORS} smaller', error_table(lines, MOST_ERRORS)),
+        page.folded(f'And {len(lines) - MOST_ERRORS} smaller', error_table(lines, MOST_ERRORS)),
         more], note)
 
 
@@ -114,4 +114,4 @@ def term_lines(terms, run):
 
 
 def _size(value):
-    return None if value is None else page.Size(value)
+    return None if value is None else page.size(value)

@@ -64,19 +64,19 @@ def render_fit(found, document):
     outliers = outlier_sentence(document) if document['outliers'] else ''
     terms = document['terms'] or ()
     more = None if not terms or 'within95_arcsec' not in terms[0] else (
-        page.Paragraph(f'{document["degrees_of_freedom"]} degrees of freedom.', 'note'))
+        page.paragraph(f'{document["degrees_of_freedom"]} degrees of freedom.', 'note'))
     body = [
-        page.Heading('Fit of a pointing model'),
-        page.Paragraph(f'{document["rows_used"]} of {document["rows_read"]} rows used · '
+        page.heading('Fit of a pointing model'),
+        page.paragraph(f'{document["rows_used"]} of {document["rows_read"]} rows used · '
                        f'{Path(str(source)).name} · terms {", ".join(result.names)} · mount '
                        f'{run.mount.kind}', 'meta'),
         controls(data),
-        page.VerdictSection(headline, [
-            page.Cards([(before['rms_arcsec'], 'raw', 'before'),
+        page.verdict_section(headline, [
+            page.cards([(before['rms_arcsec'], 'raw', 'before'),
                         (after['rms_arcsec'], 'fit residuals', 'after'),
                         (after.get('cv_rms_arcsec'), VALIDATED)]),
-            page.Paragraph('RMS on the sky.', 'note'), sky_maps(data),
-            page.SentenceList([outliers, *map(wording, [
+            page.paragraph('RMS on the sky.', 'note'), sky_maps(data),
+            page.sentence_list([outliers, *map(wording, [
                 *filter(is_caution, found.findings), *result.findings(run)])])]),
         errors_section(term_lines(document['terms'], run), note='' if last is None else (
             f'The model corrects these; each RMS is of one term alone. What causes the '
@@ -87,8 +87,8 @@ def render_fit(found, document):
         *residual_sections(data),
         _alignment(document['polar_axis']),
         _compared(document, names),
-        page.FoldedSection('Excluded rows', exclusions(document['excluded'], limit=40)),
-        page.FoldedSection('Notes', page.SentenceList(document['notes'])),
+        page.folded_section('Excluded rows', exclusions(document['excluded'], limit=40)),
+        page.folded_section('Notes', page.sentence_list(document['notes'])),
         provenance_section([
             ('site', site_text(site_degrees(run.meta))), ('mount', run.mount.kind),
             ('encoder', {'enc': 'incremental', 'abs': 'absolute'}.get(encoder, encoder))],
@@ -128,8 +128,8 @@ def _preview(found, data, source):
 
 def _alignment(found):
     """Section on polar alignment of an equatorial mount."""
-    return None if not found else page.Section(
-        'The way back to the bolts', page.SentenceList(alignment_lines(found)),
+    return None if not found else page.section(
+        'The way back to the bolts', page.sentence_list(alignment_lines(found)),
         'From the exact azimuth and altitude of the axis, for a level base; after a turn '
         'measure again. The stars need their refraction, or the altitude is that of another pole.')
 
@@ -148,24 +148,24 @@ def _compared(document, names):
                  for name, key in (('the terms', before), ('to predict', after))]
         rows.append(('to predict', 'all rows', *_rms(predicted)))
         more = [
-            [page.Paragraph(f'{note}.') for note in predicted['notes']],
-            page.Folded('Parts of the prediction', page.Table(
+            [page.paragraph(f'{note}.') for note in predicted['notes']],
+            page.folded('Parts of the prediction', page.table(
                 ('part', 'coefficients', 'RMS on these stars ″'),
-                [(readable(row['name']), str(row['columns']), page.Number(row['rms_arcsec'], 2))
+                [(readable(row['name']), str(row['columns']), page.number(row['rms_arcsec'], 2))
                  for row in predicted['parts']], 'numbers')),
-            page.Folded('Coefficients of the prediction', page.Table(
+            page.folded('Coefficients of the prediction', page.table(
                 ('coefficient', 'value ″', 'σ ″'),
-                [(readable(row['name']), page.Number(row['value_arcsec'], 2, True),
-                  page.Number(row['sigma_arcsec'], 2)) for row in predicted['coefficients']
+                [(readable(row['name']), page.number(row['value_arcsec'], 2, True),
+                  page.number(row['sigma_arcsec'], 2)) for row in predicted['coefficients']
                  if row['value_arcsec']], 'numbers'))]
     harmonics = document.get('harmonics')
     if harmonics:
         rows.append((harmonics['label'], 'fit residuals', *(
-            page.Number(harmonics['fitted'].get(key)) for key in ('x', 'y', 'radial'))))
-    return page.FoldedSection('Models compared', [page.Table(
+            page.number(harmonics['fitted'].get(key)) for key in ('x', 'y', 'radial'))))
+    return page.folded_section('Models compared', [page.table(
         ('model', 'on', f'{names[0]} ″', f'{names[1]} ″', 'radial ″'), rows, 'numbers'), more],
         'RMS on the sky, arcsec.')
 
 
 def _rms(entry, before=''):
-    return [page.Number(entry.get(f'{before}rms_{part}arcsec')) for part in ('x_', 'y_', '')]
+    return [page.number(entry.get(f'{before}rms_{part}arcsec')) for part in ('x_', 'y_', '')]

@@ -41,15 +41,15 @@ def health_section(health, run=None, axes=AXES):
 
     Returns
     -------
-    FoldedSection
+    Markup
     """
     health = health or {'streams': [], 'marks': [], 'sigmas_arcsec': {}, 'nodes': [],
                         'problems': [], 'whole': True}
-    return page.FoldedSection(
+    return page.folded_section(
         'Encoders and instruments', [
-            page.SentenceList(_sentences(health)), _agreement(run, axes),
+            page.sentence_list(_sentences(health)), _agreement(run, axes),
             _streams(health['streams']), _marks(health['marks']),
-            _decoding(health), _nodes(health['nodes']), page.SentenceList(health['problems'])],
+            _decoding(health), _nodes(health['nodes']), page.sentence_list(health['problems'])],
         ' '.join([
             'From the log of the night.' if health['whole'] else 'The log is large: rates are '
             'from its index, single messages were not read.',
@@ -118,42 +118,42 @@ def _agreement(run, axes):
         spread = 1.4826 * float(np.median(np.abs(difference[good])))
         what = f'{axis}: incremental − absolute encoder at {int(good.sum())} exposures, about ' \
                f'the middle of each power-on; scatter {number(spread)} arcsec'
-        out.append(page.Figure(svg(440, 202, panel.parts, what), f'{what[0].upper()}{what[1:]}.'))
-    return page.Subsection('Incremental against absolute encoder', out and page.FigurePair(out))
+        out.append(page.figure(svg(440, 202, panel.parts, what), f'{what[0].upper()}{what[1:]}.'))
+    return page.subsection('Incremental against absolute encoder', out and page.figure_pair(out))
 
 
 def _streams(rows):
-    return page.Subsection('Rates and gaps', page.Table(
+    return page.subsection('Rates and gaps', page.table(
         ('stream', 'messages', 'mean rate Hz', 'usual interval s', 'longest gap s', 'lost'),
-        [(row['what'], row['count'], page.Number(row['rate_hz'], 3),
-          page.Number(row['interval_s'], 3), page.Number(row['longest_s'], 1), row['lost'])
+        [(row['what'], row['count'], page.number(row['rate_hz'], 3),
+          page.number(row['interval_s'], 3), page.number(row['longest_s'], 1), row['lost'])
          for row in rows], 'numbers', 'Messages of the instruments'))
 
 
 def _marks(rows):
-    return page.Subsection('Reference marks', page.Table(
+    return page.subsection('Reference marks', page.table(
         ('power-on', 'axis', 'homed', 'met from', 'passages', 'missed', 'worst error, counts',
          'supply V', 'temperature °C'),
         [(row['power_on'], row['axis'], 'yes' if row['homed'] else 'no', row['side'] or None,
           row['passages'], row['missed'], None if row['worst_error_counts'] is None
-          else f'{row["worst_error_counts"]:g}', page.Number(row['supply'], 3),
-          page.Number(row['temperature'], 1)) for row in rows], 'numbers', 'Reference marks'))
+          else f'{row["worst_error_counts"]:g}', page.number(row['supply'], 3),
+          page.number(row['temperature'], 1)) for row in rows], 'numbers', 'Reference marks'))
 
 
 def _decoding(health):
-    return page.Subsection('Quality of the absolute readings', page.Table(
+    return page.subsection('Quality of the absolute readings', page.table(
         ('axis', 'readings looked at', 'σ, middle ″', 'σ of 95 % below ″', 'largest σ ″',
          'without σ'),
-        [(axis, row['count'], *(page.Number(row.get(key), 3) for key in (
+        [(axis, row['count'], *(page.number(row.get(key), 3) for key in (
             'middle', 'beyond_95', 'largest')), row['none'])
          for axis, row in health['sigmas_arcsec'].items()],
         'numbers', 'Errors of the readings, by the absolute encoder'))
 
 
 def _nodes(nodes):
-    return page.Folded('Last status of each node', page.Table(
+    return page.folded('Last status of each node', page.table(
         ('node', 'at the end', 'worst', 'message', 'counters'),
         [(node['name'], node['level'], node['worst'], node['message'],
-          page.SentenceList([f'{key} {value}' for key, value in node['values'].items()])
+          page.sentence_list([f'{key} {value}' for key, value in node['values'].items()])
           if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
          for node in nodes], 'nodes', 'Last status of each node'))

@@ -165,17 +165,17 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
     params = log.get('site') or {}
     begin, end = _span(data.time)
     body = [
-        page.Heading(f'Night{" of " * bool(when)}{when}'), _meta(run, begin, end),
+        page.heading(f'Night{" of " * bool(when)}{when}'), _meta(run, begin, end),
         controls(data), _verdict(report, data),
         _largest(report, run, files),
         terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
                       'σ from the fit. IA[2]: how far IA of power-on 2 is from that of the first.'),
-        page.FoldedSection('RMS', page.BarChart(_headline(report)[1], *_noise(report))),
+        page.folded_section('RMS', page.bar_chart(_headline(report)[1], *_noise(report))),
         *residual_sections(data),
         zeros_section(report, rows, names), health_section(log.get('health'), run, names),
         _models(report), _tracking(report.get('tracking')),
         _diagnosis(diagnosis),
-        page.FoldedSection('Notes', page.SentenceList(report.get('notes') or ())),
+        page.folded_section('Notes', page.sentence_list(report.get('notes') or ())),
         provenance_section([
             ('observed', f'{begin} to {end} UTC' if begin else ''),
             ('site', site_text(params)), ('mount', report.get('mount') or run.mount.kind),
@@ -200,7 +200,7 @@ def _meta(run, begin, end):
         text += f' in {runs} power-on{"s" * (runs > 1)}'
     if begin:
         text += f' · {begin} to {end} UTC'
-    return page.Paragraph(f'{text}, mount {run.mount.kind}', 'meta')
+    return page.paragraph(f'{text}, mount {run.mount.kind}', 'meta')
 
 
 def _headline(report):
@@ -216,7 +216,7 @@ def _headline(report):
     headline : str or None
         None if nothing was fitted.
     bars : list
-        See `page_parts.BarChart`.
+        See `page_parts.bar_chart`.
     numbers : list of (float, str)
     """
     first, zeroed, last = steps_of(report)
@@ -260,9 +260,9 @@ def _verdict(report, data):
         headline = 'Nothing was fitted' if size is None else \
             f'Nothing was fitted; {size:.2f}″ RMS, {data.after_text}'
     alarm = 'alarm' if alarms else ''
-    return page.VerdictSection(headline, [
-        page.Cards(numbers), page.Paragraph('RMS on the sky.', 'note'), sky_maps(data),
-        page.SentenceList(lines)], alarm, alarm)
+    return page.verdict_section(headline, [
+        page.cards(numbers), page.paragraph('RMS on the sky.', 'note'), sky_maps(data),
+        page.sentence_list(lines)], alarm, alarm)
 
 
 def _largest(report, run, files):
@@ -293,15 +293,15 @@ def _noise(report):
 def _tracking(document):
     if not document:
         return None
-    return page.FoldedSection('Adaptive model', [
-        page.SentenceList(tracking_lines(document)),
+    return page.folded_section('Adaptive model', [
+        page.sentence_list(tracking_lines(document)),
         innovations_figure(document['innovations'].get('squares') or ())],
         'After the fit each star updated the model. The residuals above are of the last one.')
 
 
 def _diagnosis(text):
-    return page.FoldedSection('Diagnosis', body_of(text) or page.Paragraph([
-        'Not diagnosed. ', page.Code('telescope-mount diagnose bag --report diagnosis.html'),
+    return page.folded_section('Diagnosis', body_of(text) or page.paragraph([
+        'Not diagnosed. ', page.code('telescope-mount diagnose bag --report diagnosis.html'),
         ' looks for what the model lacks.']))
 
 
@@ -390,17 +390,17 @@ def _models(report):
     rows = [(_step_name(step) + ' ← published' * (step is last and step['step'] != BOTH),
              *_rms(step['used']), *_rms(step['held_out']), step['held_out']['n'])
             for step in report.get('steps') or ()]
-    out = page.Table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',
+    out = page.table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',
                       'held out: first axis ″', 'second ″', 'radial ″', 'stars held out'), rows,
                      'numbers', 'Models compared')
     checks = [(check['check'], *_rms(check), check['n'])
               for check in report.get('external_check') or ()]
-    checked = page.Subsection('External check', page.Table(
+    checked = page.subsection('External check', page.table(
         ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
         'numbers', 'External check'))
-    return page.FoldedSection('Models compared', [out, checked], 'Half of the stars fit each '
-                              'model, the other half validates it. RMS on the sky, arcsec.')
+    return page.folded_section('Models compared', [out, checked], 'Half of the stars fit each '
+                               'model, the other half validates it. RMS on the sky, arcsec.')
 
 
 def _rms(values):
-    return [page.Number(values[key]) for key in ('x', 'y', 'radial')]
+    return [page.number(values[key]) for key in ('x', 'y', 'radial')]

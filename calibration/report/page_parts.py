@@ -12,218 +12,211 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parts of a page as data; `page_html` renders them.
+"""Parts of a page as HTML, for `page_html.whole`.
 
-A part may also be plain text, a list of parts, or None (nothing). Empty sections are omitted with
-their heading.
+Where a function takes text it also takes markup of this module, a list of both, or None (nothing).
+Empty sections are omitted with their heading.
 """
 
-from dataclasses import dataclass
-from typing import Any
+import json
+from html import escape
+from itertools import zip_longest
+
+import numpy as np
+
+from pointing_model.effects.base import arcsec
+
+from .number_wording import number
+
+#: marks of a legend: kind and text
+MARKS = (('before', 'before'), ('after', 'after'))
 
 
 class Markup(str):
-    """Finished markup: a drawing, or the body of another page."""
+    """Finished markup."""
+
+
+def clean(text):
+    """`text` escaped for HTML and XML, without characters that XML does not allow."""
+    text = ''.join(c if c.isprintable() else '\ufffd' for c in str(text))
+    return escape(text, quote=True)
+
+
+def drawn(part):
+    """Markup of a part: what is none yet is escaped as text; a list is joined; None is ''."""
+    if part is None:
+        return Markup()
+    if isinstance(part, list | tuple):
+        return Markup(''.join(map(drawn, part)))
+    return part if isinstance(part, Markup) else Markup(clean(part))
+
+
+def _tag(name, inside, kind=''):
+    """An element with a class; '' if it is empty."""
+    return Markup(f'<{name}{_class(kind)}>{inside}</{name}>' if inside else '')
+
+
+def _class(kind):
+    return f' class="{kind}"' if kind else ''
 
 
 # ------------------------------------------------------------------------------ in a line of text
 
-@dataclass(frozen=True)
-class Number:
-    """A number; a dash for None and NaN."""
-
-    value: float | None
-    digits: int = 2
-    sign: bool = False
-
-
-@dataclass(frozen=True)
-class Size:
+def size(value, when='', sign=False):
     """An angle in arcsec; `when`: it is the RMS of the residuals ``before`` or ``after``."""
-
-    value: float
-    when: str = ''
-    sign: bool = False
+    text = clean(arcsec(value, sign))
+    return Markup(f'<span{_of_rms(when)}>{text}</span>' if when else text)
 
 
-@dataclass(frozen=True)
-class Code:
+def _of_rms(when=''):
+    """Attribute of an RMS that a refit in the page updates."""
+    return f' data-rms="{when}"' if when else ''
+
+
+def code(text):
     """Monospaced text: a command or a checksum."""
+    return _tag('code', clean(text))
 
-    text: str
 
-
-@dataclass(frozen=True)
-class Link:
+def link(text, place):
     """A link to another page."""
-
-    text: str
-    place: str
+    return Markup(f'<a href="{clean(place)}">{clean(text)}</a>')
 
 
-@dataclass(frozen=True)
-class Numbered:
+def numbered(row, text):
     """A name with its number in a table."""
-
-    number: int
-    text: str
+    return Markup(f'<b>{row}</b>\u2002{clean(text)}')
 
 
-@dataclass(frozen=True)
-class FilledBar:
+def filled_bar(part, inset=False):
     """A small bar, filled from 0 to 1; `inset`: highlighted."""
+    return Markup(f'<span class="gauge"><i class="{"inset" if inset else ""}" '
+                  f'style="width:{100 * part:.0f}%"></i></span>')
 
-    part: float
-    inset: bool = False
 
-
-@dataclass(frozen=True)
-class Correlation:
+def correlation(value, diagonal=False):
     """A number from -1 to 1 on a colour scale; no colour on the diagonal of a matrix."""
-
-    value: float
-    diagonal: bool = False
+    strength = 0.0 if diagonal else min(abs(value), 1.0)
+    colour = '213,94,0' if value > 0 else '0,114,178'
+    return Markup(f'<span class="corr" style="background:rgba({colour},'
+                  f'{0.75 * strength**1.5:.2f})">{number(value)}</span>')
 
 
 # ------------------------------------------------------------------------------------------ texts
 
-@dataclass(frozen=True)
-class Heading:
+def heading(text):
     """Heading of the page."""
+    return _tag('h1', clean(text))
 
-    text: str
 
-
-@dataclass(frozen=True)
-class Paragraph:
+def paragraph(text, kind=''):
     """Text; `kind`: ``meta`` or ``note``."""
-
-    text: Any
-    kind: str = ''
+    return _tag('p', drawn(text), kind)
 
 
-@dataclass(frozen=True)
-class Footer:
+def footer(text):
     """Footer: what applies to all figures of the page."""
+    return _tag('footer', clean(text))
 
-    text: str
 
-
-@dataclass(frozen=True)
-class SentenceList:
+def sentence_list(texts):
     """Sentences as a list; empty ones are omitted."""
+    return _tag('ul', ''.join(_tag('li', clean(text)) for text in texts if text))
 
-    texts: tuple
 
-
-@dataclass(frozen=True)
-class Definitions:
+def definitions(rows):
     """Definition list: pairs of text."""
-
-    rows: list
+    return _tag('dl', ''.join(f'<dt>{clean(word)}</dt><dd>{clean(text)}</dd>'
+                              for word, text in rows))
 
 
 # --------------------------------------------------------------------------------------- sections
 
-@dataclass(frozen=True)
-class Section:
+def section(title, parts, note=''):
     """A part of the page with a heading, and a `note` below it."""
-
-    title: str
-    parts: Any
-    note: str = ''
+    body = drawn(parts)
+    return body and _tag('section', f'<h2>{clean(title)}</h2>{paragraph(note, "note")}{body}')
 
 
-@dataclass(frozen=True)
-class FoldedSection(Section):
+def folded_section(title, parts, note=''):
     """A section that opens on a click."""
+    body = drawn(parts)
+    return body and _tag('section', _folded(
+        f'<h2>{clean(title)}</h2>', paragraph(note, 'note') + body), 'fold')
 
 
-@dataclass(frozen=True)
-class Subsection:
+def _folded(summary, body):
+    return f'<details><summary>{summary}</summary>{body}</details>' if body else ''
+
+
+def subsection(title, parts):
     """A part of a section with a heading."""
+    body = drawn(parts)
+    return Markup(body and f'<h3>{clean(title)}</h3>{body}')
 
-    title: str
-    parts: Any
 
-
-@dataclass(frozen=True)
-class Folded:
+def folded(summary, parts):
     """Parts that open on a click."""
-
-    summary: str
-    parts: Any
+    return Markup(_folded(clean(summary), drawn(parts)))
 
 
-@dataclass(frozen=True)
-class Block:
+def block(parts, kind=''):
     """A container, kept if empty; kind ``scroll``: scrolls rather than shrink its content."""
-
-    parts: Any
-    kind: str = ''
+    return Markup(f'<div{_class(kind)}>{drawn(parts)}</div>')
 
 
-@dataclass(frozen=True)
-class FigurePair(Block):
+def figure_pair(parts):
     """Figures side by side if the page is wide enough."""
+    return block(parts, 'pair')
 
-    kind: str = 'pair'
 
-
-@dataclass(frozen=True)
-class VerdictSection:
+def verdict_section(headline, parts=(), badge='', kind=''):
     """The first section: the main result.
 
-    Attributes
+    Parameters
     ----------
     headline : str
     parts
-        `Cards`, and parts below them.
+        `cards`, and parts below them.
     badge : str
         The verdict in a word.
     kind : str
         Determines the colour.
     """
-
-    headline: str
-    parts: Any = ()
-    badge: str = ''
-    kind: str = ''
+    badge = f'<span class="badge">{clean(badge)}</span>' if badge else ''
+    return _tag('section', f'{badge}<h2>{clean(headline)}</h2>{drawn(parts)}',
+                f'verdict {kind}'.rstrip())
 
 
 # --------------------------------------------------------------------------- figures and numbers
 
-@dataclass(frozen=True)
-class Figure:
+def figure(drawing, caption='', when=''):
     """A drawing with its caption; `when`: ``before`` or ``after`` if it shows only one of them."""
-
-    drawing: Any
-    caption: Any = ''
-    when: str = ''
+    return _tag('figure', drawn(drawing) + _tag('figcaption', drawn(caption)),
+                when and f'when-{when}')
 
 
-@dataclass(frozen=True)
-class Legend:
+def legend(entries=MARKS):
     """Legend of the marks: pairs (kind, text)."""
+    return Markup('<p class="legend">' + ' '.join(
+        f'<span class="swatch {kind}"></span>{clean(text)}' for kind, text in entries) + '</p>')
 
-    entries: tuple = (('before', 'before'), ('after', 'after'))
 
-
-@dataclass(frozen=True)
-class Cards:
+def cards(rows):
     """Large numbers: value in arcsec or text, and a label; None is omitted.
 
     A third entry, ``before`` or ``after``, marks the RMS of those residuals.
     """
+    return _tag('div', ''.join(
+        f'<div><b{_of_rms(*when)}>{clean(value if isinstance(value, str) else arcsec(value))}</b>'
+        f'<span>{clean(text)}</span></div>'
+        for value, text, *when in rows if value is not None), 'numbers-row')
 
-    rows: tuple
 
-
-@dataclass(frozen=True)
-class BarChart:
+def bar_chart(rows, floor=None, floor_text='noise'):
     """Bars of errors, on one scale.
 
-    Attributes
+    Parameters
     ----------
     rows : list of (str, list of (float or None, str, str))
         Label, and for each bar its value in arcsec, its kind and a text.
@@ -232,28 +225,35 @@ class BarChart:
     floor_text : str
         Label of `floor`.
     """
+    rows = [(label, [bar for bar in bars if bar[0] is not None and np.isfinite(bar[0])])
+            for label, bars in rows]
+    if floor is not None and np.isfinite(floor) and floor > 0.0:
+        rows.append((floor_text, [(floor, 'floor', '')]))
+    top = max((value for _, bars in rows for value, *_ in bars), default=0.0) or 1.0
+    out = ''
+    for name, bars in rows:
+        lines = ''.join(
+            f'<p><i class="{kind}" style="width:{70.0 * value / top:.2f}%"></i>'
+            f'<span>{clean(" ".join(filter(None, (arcsec(value), label))))}</span></p>'
+            for value, kind, label in bars)
+        if lines:
+            out += f'<div>{clean(name)}</div><div>{lines}</div>'
+    return _tag('div', out, 'gains')
 
-    rows: list
-    floor: float | None = None
-    floor_text: str = 'noise'
+
+def column(text, when='', descending=False):
+    """Header of a column; `when`: shown for ``before`` or ``after``; rows may be `descending`."""
+    order = ' aria-sort="descending"' if descending else ''
+    return Markup(f'<th scope="col"{_class(when and f"when-{when}")}{order}>{clean(text)}</th>')
 
 
-@dataclass(frozen=True)
-class Column:
-    """Header of a column; `when`: shown for ``before`` or ``after``; `sorted`: rows are by it."""
-
-    text: str
-    when: str = ''
-    sorted: bool = False
-
-
-@dataclass(frozen=True)
-class Table:
+def table(header, rows, kind='', caption='', keys=(), groups=(), tall=False):
     """A table; omitted if it has no rows.
 
-    Attributes
+    Parameters
     ----------
-    header : sequence of str or Column
+    header : sequence of str or Markup
+        Texts, or a `column`.
     rows : iterable of sequence
         None is shown as a dash.
     kind : str
@@ -267,33 +267,42 @@ class Table:
     tall : bool
         Whether it scrolls in a separate window.
     """
-
-    header: Any
-    rows: Any
-    kind: str = ''
-    caption: str = ''
-    keys: Any = ()
-    groups: Any = ()
-    tall: bool = False
+    head = ''.join(cell if isinstance(cell, Markup) else column(cell) for cell in header)
+    cells = [f'<td data-h="{clean(name)}">' if 'stack' in kind else '<td>' for name in header]
+    body = ''.join(
+        '<tr' + ('' if key is None else f' data-i="{key}"')
+        + ('' if group is None else f' data-g="{clean(group)}"') + '>'
+        + ''.join(f'{cell}{"–" if value is None else drawn(value)}</td>'
+                  for cell, value in zip(cells, row)) + '</tr>'
+        for row, key, group in zip_longest(rows, keys, groups))
+    return Markup(body and (
+        f'<div class="scroll{" tall" * tall}"><table{_class(kind)}>'
+        f'{_tag("caption", clean(caption))}<thead><tr>{head}</tr></thead><tbody>{body}'
+        '</tbody></table></div>'))
 
 
 # ------------------------------------------------------------------------------ what a reader does
 
-@dataclass(frozen=True)
-class Controls:
+def controls(word='', groups=()):
     """Control bar of the page; `groups`: name and sentence for each group, called `word`."""
+    whens = ''.join(
+        f'<label><input type="radio" name="when" value="{value}"{checked}/> {value}</label>'
+        for value, checked in (('both', ' checked="checked"'), ('before', ''), ('after', '')))
+    options = ''.join(f'<option value="{clean(name)}" data-say="{clean(say)}">{clean(name)}'
+                      '</option>' for name, say in groups)
+    choice = (f'<label hidden="hidden">{clean(word)} <select id="group">'
+              f'<option value="">all</option>{options}</select></label>') if options else ''
+    return Markup(f'<div class="controls"><fieldset><legend>Show</legend>{whens}</fieldset>{choice}'
+                  '<span class="foot"><output id="told" aria-live="polite"></output>'
+                  '<span id="acts"></span></span></div>')
 
-    word: str = ''
-    groups: tuple = ()
 
-
-@dataclass(frozen=True)
-class RefitData:
+def refit_data(document):
     """Hidden data for a refit in the page."""
-
-    document: dict
+    return Markup(f'<div id="refit" hidden="hidden" data-refit="{clean(json.dumps(document))}">'
+                  '</div>')
 
 
 #: footer of pages with residuals
-FOOTER = Footer('All offsets are encoder − catalogue, on the sky, in seconds of arc (arcsec, ″). '
+FOOTER = footer('All offsets are encoder − catalogue, on the sky, in seconds of arc (arcsec, ″). '
                 'RMS values are radial unless an axis is named.')

@@ -50,13 +50,13 @@ def provenance_section(rows, files=()):
 
     Returns
     -------
-    FoldedSection
+    Markup
     """
     now = datetime.now(timezone.utc)
     facts = [('command', command_line()), ('version', f'telescope_mount {version_of()}'.strip()),
             ('written', f'{now:%Y-%m-%d %H:%M} UTC'), *rows]
-    return page.FoldedSection('Provenance', [
-        page.Definitions([row for row in facts if row[1] not in ('', None)]), _files(files)])
+    return page.folded_section('Provenance', [
+        page.definitions([row for row in facts if row[1] not in ('', None)]), _files(files)])
 
 
 def _files(files):
@@ -68,8 +68,8 @@ def _files(files):
                 name = f'{path.name}/{one.name}' if path.is_dir() else one.name
                 size = one.stat().st_size
                 total = sum_of(one) if size <= _LARGEST else 'too large to sum up'
-                rows.append((name, f'{size}', page.Code(total)))
-    return page.Table(('file', 'bytes', 'SHA-256'), rows, '', 'Files and their sums')
+                rows.append((name, f'{size}', page.code(total)))
+    return page.table(('file', 'bytes', 'SHA-256'), rows, '', 'Files and their sums')
 
 
 def sum_of(path):

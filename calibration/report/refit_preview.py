@@ -22,7 +22,7 @@ from calibration.estimation.robust import LOSS
 from msg_tools.units import ARCSEC
 
 from .drawing import MAX_POINTED
-from .page_parts import RefitData
+from .page_parts import refit_data
 from .provenance import command_line
 
 #: bytes -> steps up to the largest number: 4 bytes for a refit, 2 for plots
@@ -49,7 +49,7 @@ def preview(data, fits, rows, command, file=''):
 
     Returns
     -------
-    RefitData or None
+    Markup or None
     """
     if not len(data) or len(data) > MAX_POINTED or not any(fit for _, fit, _ in fits):
         return None
@@ -58,7 +58,7 @@ def preview(data, fits, rows, command, file=''):
         models.append({'when': when, **_model(fit, names, data.of(when), columns)})
     angle, flip = _turns(data)
     # --exclude takes row numbers of one file: with several files they would be ambiguous
-    return RefitData({
+    return refit_data({
         'keys': ' '.join(data.keys), 'rows': [int(row) for row in rows],
         'used': ''.join('01'[bool(used)] for used in data.used),
         'angle': _scaled(angle, 2), 'flip': flip, 'models': models,

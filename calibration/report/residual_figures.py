@@ -43,7 +43,7 @@ def controls(data):
     if not len(data):
         return None
     several = data.groups is not None and len(np.unique(data.groups)) > 1
-    return page.Controls(data.group_word, tuple(_groups(data)) if several else ())
+    return page.controls(data.group_word, tuple(_groups(data)) if several else ())
 
 
 def _groups(data):
@@ -102,14 +102,14 @@ def sky_maps(data, beside=None):
         what, rms_of = f'{data.text_of(when).capitalize()}: ', data.radial(when)
         longer = f' {sky.shortened} of the arrows {"is" if sky.shortened == 1 else "are"} ' \
             'longer than drawn.' if sky.shortened else ''
-        out.append(page.Figure(
+        out.append(page.figure(
             svg(400, 400, sky.parts, f'Map of the sky. {what}{arcsec(rms_of)} RMS{more}', 'link',
                 margins),
-            (what, page.Size(rms_of, when), f' RMS{more}.{longer}'), when))
+            (what, page.size(rms_of, when), f' RMS{more}.{longer}'), when))
     some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
     if beside is not None and len(out) < 3:
         out.append(beside)
-    return [page.FigurePair(out), page.Paragraph(
+    return [page.figure_pair(out), page.paragraph(
         f'Encoder − model; zenith at the centre, rim at {lowest:g}°.{some}', 'note')]
 
 
@@ -126,7 +126,7 @@ def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
                                f'v{panel.height}"/>')
         row_marks(panel, x, values[axis], data, when, linked, (None, axis))
         parts += panel.parts
-    return page.Figure(svg(440, 324, parts, f'Residuals {data.text_of(when)} against {label}',
+    return page.figure(svg(440, 324, parts, f'Residuals {data.text_of(when)} against {label}',
                            'link' if linked else ''), texts, when)
 
 
@@ -141,8 +141,8 @@ def in_time(data):
         moved = np.flatnonzero(data.groups[order][1:] != data.groups[order][:-1])
         gaps = [0.5 * (x[order[i]] + x[order[i + 1]]) for i in moved] if len(moved) <= 40 else []
     text = f'Dashed: another {data.group_word} begins.' if gaps else ''
-    return page.FigurePair([_stacked(data, when, x, label, gaps=gaps, texts=text)
-                            for when in WHENS])
+    return page.figure_pair([_stacked(data, when, x, label, gaps=gaps, texts=text)
+                             for when in WHENS])
 
 
 def along_axes(data):
@@ -150,8 +150,8 @@ def along_axes(data):
     if not data.known.any():
         return None
     places = data.places or (np.mod(data.az, 2.0 * np.pi), data.el)
-    return page.FigurePair([_stacked(data, 'after', np.degrees(place), f'{word} [°]',
-                                     len(data) <= MAX_LINKED)
+    return page.figure_pair([_stacked(data, 'after', np.degrees(place), f'{word} [°]',
+                                      len(data) <= MAX_LINKED)
                       for place, word in zip(places, data.place_words)])
 
 
@@ -165,11 +165,11 @@ def histograms(data):
         before, after = (data.of(when)[axis][data.used] for when in WHENS)
         limit, small = limit_of(before, after), limit_of(after)
         if magnify:
-            out.append(page.FigurePair([_histogram(before, before, limit, title, ('before',)),
-                                        _histogram(after, after, small, title, ('after',))]))
+            out.append(page.figure_pair([_histogram(before, before, limit, title, ('before',)),
+                                         _histogram(after, after, small, title, ('after',))]))
         else:
             out.append(_histogram(before, after, limit, title, WHENS))
-    return [out if magnify else page.FigurePair(out), page.Legend()]
+    return [out if magnify else page.figure_pair(out), page.legend()]
 
 
 def histogram(before, after, limit):
@@ -214,7 +214,7 @@ def _histogram(before, after, limit, title, whens):
                                  * np.exp(-0.5 * (u / sigma)**2), panel.y_range[1]),
                    'gauss when-after')
         caption += '; dotted: normal'
-    return page.Figure(svg(420, 262, panel.parts, f'Histogram. {caption}'), f'{caption}.',
+    return page.figure(svg(420, 262, panel.parts, f'Histogram. {caption}'), f'{caption}.',
                        whens[0] if len(whens) == 1 else '')
 
 
@@ -228,4 +228,4 @@ def residual_sections(data):
     parts = (('Target', targets), ('Residuals in time', in_time),
              ('Residuals by axis', along_axes), ('Histograms', histograms),
              ('Stars', stars_table))
-    return [page.FoldedSection(title, make(data)) for title, make in parts]
+    return [page.folded_section(title, make(data)) for title, make in parts]

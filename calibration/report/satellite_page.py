@@ -85,40 +85,40 @@ def render_tracks(fit, document, diagnosis, files):
     headline, clock = headline_of(document), document.get('clock')
     mount = fit.tracks.run.mount.names
     first, *others = _curves(fit, mount) or [None]
-    marks = page.Legend((('before', 'raw'), ('fit', 'without the zeros of the axes'),
+    marks = page.legend((('before', 'raw'), ('fit', 'without the zeros of the axes'),
                          ('after', 'without terms, clock and orbits')))
     body = [
-        page.Heading('Tracks of satellites'),
-        page.Paragraph(f'{document["rows"]} rows, {len(document["arcs"])} arcs', 'meta'),
-        page.VerdictSection(headline, [
-            page.Cards([(f'{document["before"]["radial_arcsec"]:.2f}″', 'raw, radial RMS'),
+        page.heading('Tracks of satellites'),
+        page.paragraph(f'{document["rows"]} rows, {len(document["arcs"])} arcs', 'meta'),
+        page.verdict_section(headline, [
+            page.cards([(f'{document["before"]["radial_arcsec"]:.2f}″', 'raw, radial RMS'),
                         (f'{document["after"]["radial_arcsec"]:.2f}″',
                          'left by terms, clock and orbits'),
                         (None if clock is None else f'{1e3 * clock["late_s"]:+.1f} ± '
                          f'{1e3 * clock["sigma_s"]:.1f} ms', 'clock (positive: stamps are late)')]),
-            first and [marks, first], page.SentenceList(document['notes'])]),
+            first and [marks, first], page.sentence_list(document['notes'])]),
         errors_section(term_lines(document['terms'], fit.tracks.run)),
-        page.Section('Terms', page.Table(('term', 'value ″', '± ″'), [
-            (term['name'], page.Number(term['value_arcsec'], 2, True),
-             page.Number(term['sigma_arcsec'])) for term in document['terms']], 'numbers'),
+        page.section('Terms', page.table(('term', 'value ″', '± ″'), [
+            (term['name'], page.number(term['value_arcsec'], 2, True),
+             page.number(term['sigma_arcsec'])) for term in document['terms']], 'numbers'),
             'Encoder − orbit; σ with correlated noise.'),
-        page.Section('Satellites', page.Table(
+        page.section('Satellites', page.table(
             ('satellite', 'rows', 'arcs', 'orbit ± m', 'ahead ms', '± ms', 'separated'),
-            [(one['name'], f'{one["rows"]}', f'{one["arcs"]}', page.Number(one['orbit_sigma_m']),
-              page.Number(1e3 * one['ahead_s'], 2, True), page.Number(1e3 * one['ahead_sigma_s']),
+            [(one['name'], f'{one["rows"]}', f'{one["arcs"]}', page.number(one['orbit_sigma_m']),
+              page.number(1e3 * one['ahead_s'], 2, True), page.number(1e3 * one['ahead_sigma_s']),
               None if one['ahead_sigma_s'] < 1e-4 else 'yes' if one['separated'] else 'no')
              for one in document['satellites']], 'numbers'),
             'Ahead: of its place by the orbit, along the track. Separated: from the zeros, '
             'the clock and the other satellites; – where the orbit is precise.'),
-        page.FoldedSection('Errors along each arc', others and [marks, *others],
+        page.folded_section('Errors along each arc', others and [marks, *others],
             f'Encoder − orbit against the time: {mount.axes[0]} on the sky and '
             f'{mount.axes[1]}, raw and without the zeros. Then along and across the track, '
             'all removed.'),
-        page.FoldedSection('Arcs', page.Table(
+        page.folded_section('Arcs', page.table(
             ('object', 'UTC', 'min', 'elevation', f'raw {mount.axes[0]} ″',
              f'raw {mount.axes[1]} ″', 'left along ″', 'left across ″'),
             [_cells(arc) for arc in document['arcs']])),
-        page.FoldedSection('Diagnosis', body_of(_diagnosis_page(diagnosis, files))),
+        page.folded_section('Diagnosis', body_of(_diagnosis_page(diagnosis, files))),
         provenance_section([], files)]
     return whole(f'Tracks of satellites: {headline}', body, 'Tracks of satellites by a mount')
 
@@ -149,9 +149,9 @@ def _curves(fit, mount):
                       f'{title}: {axis}') for i, axis in enumerate(mount.axes)]
         left = [_panel(minutes, [(along[i, rows], 'after')], f'{title}: {word}')
                 for i, word in enumerate(('along the track', 'across'))]
-        out += [page.FigurePair(raw), page.FigurePair(left)]
+        out += [page.figure_pair(raw), page.figure_pair(left)]
     if len(arcs) > _MOST:
-        out.append(page.SentenceList([f'{len(arcs) - _MOST} more arcs are in the table alone']))
+        out.append(page.sentence_list([f'{len(arcs) - _MOST} more arcs are in the table alone']))
     return out
 
 
@@ -161,4 +161,4 @@ def _panel(minutes, series, title):
     panel.axes('minutes', 'arcsec', title)
     for values, style in series:
         panel.points(minutes, values / ARCSEC, style)
-    return page.Figure(svg(*_SIZE, panel.parts, title))
+    return page.figure(svg(*_SIZE, panel.parts, title))

@@ -56,45 +56,45 @@ def render_season(result, files):
     rms = np.median([night['rms_arcsec'] for night in document['nights']])
     others = [i for i in range(len(season.names)) if i != largest]
     body = [
-        page.Heading('Season of a mount'),
-        page.Paragraph(f'{len(season.nights)} nights from {first} to {last}, terms '
+        page.heading('Season of a mount'),
+        page.paragraph(f'{len(season.nights)} nights from {first} to {last}, terms '
                        f'{", ".join(season.names)}', 'meta'),
-        page.VerdictSection(f'{headline[:1].upper()}{headline[1:]}', [
-            page.Cards([(f'{len(season.nights)}', 'nights'),
+        page.verdict_section(f'{headline[:1].upper()}{headline[1:]}', [
+            page.cards([(f'{len(season.nights)}', 'nights'),
                         (f'{len(causes)}', f'change{"s" * (len(causes) != 1)}'),
                         (f'{rms:.2f}″', 'RMS of fit residuals, median night')]),
             _legend(bool(causes)), _figure(result, largest)], kind='' if causes else 'none'),
-        page.Section('Largest changes', [_causes(causes[:_MOST]), page.Folded(
+        page.section('Largest changes', [_causes(causes[:_MOST]), page.folded(
             f'And {len(causes) - _MOST} smaller', _causes(causes[_MOST:]))]),
-        page.Section(f'Predicted terms for {document["tonight"]["time"]}', _tonight(document)),
-        page.FoldedSection('Other terms', [_legend(bool(causes)), *(
+        page.section(f'Predicted terms for {document["tonight"]["time"]}', _tonight(document)),
+        page.folded_section('Other terms', [_legend(bool(causes)), *(
             _figure(result, i) for i in others)]),
-        page.FoldedSection('Nights', _nights(document),
-                           'RMS: fit of that night. Off: the term farthest from its prediction.'),
-        page.FoldedSection('Notes', page.SentenceList(document['notes'])),
+        page.folded_section('Nights', _nights(document),
+                            'RMS: fit of that night. Off: the term farthest from its prediction.'),
+        page.folded_section('Notes', page.sentence_list(document['notes'])),
         provenance_section([], files),
-        page.Footer('Terms in arcsec, ± 1 σ.')]
+        page.footer('Terms in arcsec, ± 1 σ.')]
     return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')
 
 
 def _causes(rows):
-    return page.Table(('term', 'change', 'when, or with', 'likely cause', 'check first'), rows,
+    return page.table(('term', 'change', 'when, or with', 'likely cause', 'check first'), rows,
                       'folding stack')
 
 
 def _tonight(document):
     predicted, drift = document['tonight'], document['wander']
-    return page.Table(('term', 'predicted ″', 'σ ″', 'random walk, ″/√day',
+    return page.table(('term', 'predicted ″', 'σ ″', 'random walk, ″/√day',
                        'scatter from night to night ″'),
-                      [(name, page.Number(predicted['terms_arcsec'][name], 1, True),
-                        page.Number(predicted['sigma_arcsec'][name], 1),
-                        page.Number(drift[name]['walk_arcsec_per_root_day'], 2),
-                        page.Number(drift[name]['night_arcsec'], 1)) for name in document['terms']],
+                      [(name, page.number(predicted['terms_arcsec'][name], 1, True),
+                        page.number(predicted['sigma_arcsec'][name], 1),
+                        page.number(drift[name]['walk_arcsec_per_root_day'], 2),
+                        page.number(drift[name]['night_arcsec'], 1)) for name in document['terms']],
                       'numbers')
 
 
 def _legend(steps):
-    return page.Legend((('before', 'fit of the night ± 1 σ'), ('level', 'level, smoothed ± 2 σ'),
+    return page.legend((('before', 'fit of the night ± 1 σ'), ('level', 'level, smoothed ± 2 σ'),
                         ('fit', 'step, and prediction ± 1 σ' if steps else 'prediction ± 1 σ')))
 
 
@@ -138,7 +138,7 @@ def _figure(result, i):
     panel.parts.append(f'<path class="tonight" d="M{at:.1f} {a:.1f}V{c:.1f}M{at - 4:.1f} '
                        f'{b:.1f}h8"/>')
     label = f'{name} night by night: {number(predicted, 1)} ± {number(spread, 1)} arcsec predicted'
-    return page.Figure(page.Block(svg(_WIDTH, _HEIGHT, [
+    return page.figure(page.block(svg(_WIDTH, _HEIGHT, [
         *panel.parts, text(panel.left, 14, name, 'title', 'start')], label), 'scroll'))
 
 
@@ -148,9 +148,9 @@ def _nights(document):
         off = {k: v for k, v in night['off_foretold_sigmas'].items() if v is not None}
         worst = max(off, key=lambda name: abs(off[name])) if off else None
         rows.append((night['time'].replace('T', ' ')[:16], night['source'], night['rows'],
-                     page.Number(night['rms_arcsec']),
+                     page.number(night['rms_arcsec']),
                      f'{worst} {number(off[worst], 1, True)} σ' if worst else None,
-                     *(page.Number(night['terms_arcsec'][name], 1, True)
+                     *(page.number(night['terms_arcsec'][name], 1, True)
                        for name in document['terms'])))
-    return page.Table(('UTC', 'run', 'rows', 'RMS ″', 'off', *document['terms']), rows,
+    return page.table(('UTC', 'run', 'rows', 'RMS ″', 'off', *document['terms']), rows,
                       'nights numbers')

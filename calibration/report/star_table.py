@@ -30,7 +30,7 @@ _STAR = 'star'
 def stars_table(data):
     """Table of all rows, worst first; sortable by any column, rows are highlighted in the plots."""
     if not len(data.used):
-        return page.Paragraph('There is no row.')
+        return page.paragraph('There is no row.')
     size = np.hypot(*data.after)
     order = np.argsort(-np.where(np.isfinite(size), size, -1.0), kind='stable')[:MAX_TABLE]
     first, second = (word.split(' × ')[0] for word in data.axes)
@@ -39,7 +39,7 @@ def stars_table(data):
     head = [word, data.group_word if data.groups is not None else None,
             None if data.time is None else 'UTC' if data.utc else 'time s',
             f'{data.place_words[0]} °', f'{data.place_words[1]} °']
-    whens = [page.Column(f'{when} {name} ″', when, (when, name) == ('after', 'radial'))
+    whens = [page.column(f'{when} {name} ″', when, (when, name) == ('after', 'radial'))
              for when in WHENS for name in (first, second, 'radial')]
     days = data.time is not None and np.nanmax(data.time) - np.nanmin(data.time) > 86400.0
     places = np.degrees(data.places or (np.mod(data.az, 2.0 * np.pi), data.el))
@@ -49,12 +49,12 @@ def stars_table(data):
         cells = [names[i], *groups[k:k + 1]]
         if data.time is not None:
             cells.append(_clock(data.time[i], days, data.utc))
-        cells += [page.Number(place[i], 1) for place in places]
+        cells += [page.number(place[i], 1) for place in places]
         for x, y in (data.before[:, i], data.after[:, i]):
-            cells += [page.Number(x, 2, True), page.Number(y, 2, True), page.Number(np.hypot(x, y))]
+            cells += [page.number(x, 2, True), page.number(y, 2, True), page.number(np.hypot(x, y))]
         rows.append([*cells, data.words[i]])
     some = f'The worst {len(order)} of {len(size)} rows.' if len(order) < len(size) else ''
-    return [page.Paragraph(some, 'note'), page.Table(
+    return [page.paragraph(some, 'note'), page.table(
         [*(word for word in head if word is not None), *whens, 'what became of it'], rows,
         'stars sort', 'Rows of the run, the worst first', [data.keys[i] for i in order], groups,
         tall=True)]

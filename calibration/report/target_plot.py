@@ -49,7 +49,7 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
 
     Returns
     -------
-    Figure
+    Markup
     """
     panel = Panel((52, 12, 330, 330), (-limit, limit), (-limit, limit))
     panel.axes(f'{axes[0]} [arcsec]', f'{axes[1]} [arcsec]')
@@ -70,8 +70,8 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None):
     drawing = svg(400, 384, panel.parts, f'Target plot. {what}{arcsec(size)}{rest}',
                   'link' if draw else '')
     # a refit in the page updates the RMS of linked plots
-    size = page.Size(size, when if draw and len(x) else '')
-    return page.Figure(drawing, (what, size, rest), when)
+    size = page.size(size, when if draw and len(x) else '')
+    return page.figure(drawing, (what, size, rest), when)
 
 
 def targets(data):
@@ -93,7 +93,7 @@ def targets(data):
                           data.text_of(when) + more, when, noise,
                           lambda panel, x=x, y=y, when=when, linked=not more: row_marks(
                               panel, x, y, data, when, linked, (0, 1))))
-    return [page.FigurePair(out), marks_legend(data)]
+    return [page.figure_pair(out), marks_legend(data)]
 
 
 def row_marks(panel, x, y, data, when, linked=True, axes=(None, None)):
@@ -113,7 +113,7 @@ def row_marks(panel, x, y, data, when, linked=True, axes=(None, None)):
 def marks_legend(data):
     """Legend of dots, squares and crosses."""
     left = bool((data.known & ~data.used).any())
-    return page.Legend((('before', f'{data.before_text} (dots)'),
+    return page.legend((('before', f'{data.before_text} (dots)'),
                         ('after', f'{data.after_text} (squares)'),
                         *[('noise', data.noise_text)] * (data.noise is not None),
                         *[('cross', 'not used in the fit')] * left))

@@ -35,7 +35,7 @@ def terms_page_table(terms):
 
     Returns
     -------
-    Table
+    Markup
     """
     alone = any(t.get('alone') is not None for t in terms)
     units = {t['unit'] for t in terms}
@@ -46,10 +46,10 @@ def terms_page_table(terms):
         without = t.get('alone')
         rows.append([
             t['name'], value, 'undetermined' if t.get('undetermined') else error,
-            page.Number(abs(t['value'] / t['sigma']) if t['sigma'] else None, 1),
+            page.number(abs(t['value'] / t['sigma']) if t['sigma'] else None, 1),
             *[None if without is None else value_and_error(without, t['sigma'])[0]] * alone,
             *[t['unit']] * each])
-    return page.Table(['term', 'value' + ''.join(f', {unit}' for unit in units) * (not each), 'σ',
+    return page.table(['term', 'value' + ''.join(f', {unit}' for unit in units) * (not each), 'σ',
                        '|value| / σ', *['without the effects'] * alone, *['unit'] * each],
                       rows, 'numbers terms', 'Terms of the model')
 
@@ -57,9 +57,9 @@ def terms_page_table(terms):
 def run_terms_table(runs):
     """Terms fitted separately to each run."""
     names = list(dict.fromkeys(name for terms in runs.values() for name in terms))
-    rows = [[PurePath(str(run)).name, *(page.Number(terms.get(name), 2, True) for name in names)]
+    rows = [[PurePath(str(run)).name, *(page.number(terms.get(name), 2, True) for name in names)]
             for run, terms in runs.items()]
-    return page.Folded('Terms that each run fits for itself', page.Table(
+    return page.folded('Terms that each run fits for itself', page.table(
         ['run', *(f'{name} [arcsec]' for name in names)], rows, 'numbers'))
 
 
@@ -72,14 +72,14 @@ def correlation_table(names, matrix):
         pairs = sorted(((abs(matrix[i, j]), names[i], names[j], matrix[i, j])
                         for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7),
                        reverse=True)
-        rows = [[a, b, page.Number(value, 3, True)] for _, a, b, value in pairs[:20]]
-        return page.Subsection('Correlations', page.Table(
+        rows = [[a, b, page.number(value, 3, True)] for _, a, b, value in pairs[:20]]
+        return page.subsection('Correlations', page.table(
             ['term', 'term', 'correlation'], rows, 'numbers')
-            if rows else page.Paragraph('No correlation above 0.7.', 'note'))
-    rows = [[page.Numbered(i + 1, name),
-             *(page.Correlation(float(matrix[i, j]), i == j) for j in range(i + 1)),
+            if rows else page.paragraph('No correlation above 0.7.', 'note'))
+    rows = [[page.numbered(i + 1, name),
+             *(page.correlation(float(matrix[i, j]), i == j) for j in range(i + 1)),
              *[''] * (len(names) - 1 - i)] for i, name in enumerate(names)]
-    return page.Subsection('Correlations', page.Table(
+    return page.subsection('Correlations', page.table(
         ['', *map(str, range(1, len(names) + 1))], rows, 'correlations',
         'Correlations of the terms'))
 
@@ -107,5 +107,5 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
         correlations = None
     else:
         names = names[:shape[0]]
-    return page.Section('Terms of the model', [terms_page_table(terms), more, page.Folded(
+    return page.section('Terms of the model', [terms_page_table(terms), more, page.folded(
         'Correlations', correlation_table(names, correlations))], note)

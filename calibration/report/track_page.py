@@ -56,29 +56,29 @@ def render_track(tracked, files):
     hours = (tracked.time - tracked.time[0]) / 3600.0
     seen = (tracked.smoothed.stamps * 1e-9 - tracked.time[0]) / 3600.0
     body = [
-        page.Heading('Adaptive model'),
-        page.Paragraph(f'{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on' + (
+        page.heading('Adaptive model'),
+        page.paragraph(f'{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on' + (
             f'; fixed model: the {tracked.fitted} stars before' if tracked.fitted else ''), 'meta'),
-        page.VerdictSection(
+        page.verdict_section(
             f'Each star predicted: {missed["model of the evening"]:.2f}″ RMS by the fixed '
             f'model, {missed["tracked"]:.2f}″ by the adaptive model', [
-                page.Cards([(f'{missed[name]:.2f}″', text) for name, text in (
+                page.cards([(f'{missed[name]:.2f}″', text) for name, text in (
                     ('model of the evening', 'fixed model, RMS'),
                     ('tracked', 'adaptive model, RMS'),
                     ('expected', 'adaptive model, expected by its σ'))]),
-                page.Legend((('before', 'fixed model (dots)'),
+                page.legend((('before', 'fixed model (dots)'),
                              ('after', 'adaptive, predicted (squares)'),
                              ('fit', 'expected, 1 σ'))),
                 _misses(tracked, hours)]),
         _largest(tracked, missed, files),
-        page.Section('Jumps and wrong stars', page.Table(
+        page.section('Jumps and wrong stars', page.table(
             ('UTC', 'from star', 'what jumped, or a wrong star', 'probability'), events)),
-        page.FoldedSection('Filter', [
-            page.SentenceList(tracking_lines(summary)),
+        page.folded_section('Filter', [
+            page.sentence_list(tracking_lines(summary)),
             innovations_figure(np.sum((tracked.live / tracked.sigma)**2, axis=1))]),
-        page.FoldedSection('Terms, smoothed', [_term(tracked, seen, i)
-                                               for i in range(len(tracked.smoothed.names))],
-                           'From all stars; ± 2 σ, arcsec.'),
+        page.folded_section('Terms, smoothed', [_term(tracked, seen, i)
+                                                for i in range(len(tracked.smoothed.names))],
+                            'From all stars; ± 2 σ, arcsec.'),
         provenance_section([], files)]
     return whole('Adaptive model', body, 'Tracking of a telescope mount')
 
@@ -103,7 +103,7 @@ def _largest(tracked, missed, files):
     advice = (f'The adaptive model is {"better" if better else "not clearly better"} ({size} RMS): '
               f'point with the {"adaptive" if better else "fixed"} model.').replace('-', '−')
     return errors_section(
-        sorted(lines, key=lambda one: -one.reach_arcsec), page.SentenceList([
+        sorted(lines, key=lambda one: -one.reach_arcsec), page.sentence_list([
             '' if lines else f'No term moved by more than {_CLEAR:g} σ.', advice,
             f'What causes the {adaptive if better else fixed:.2f}″ left: telescope-mount diagnose '
             + ' '.join(Path(path).name for path in files)]), title='Largest drifts')
@@ -123,7 +123,7 @@ def _misses(tracked, hours):
 
 
 def _wide(drawing):
-    return page.Figure(page.Block(drawing, 'scroll'))
+    return page.figure(page.block(drawing, 'scroll'))
 
 
 def innovations_figure(squares):
@@ -136,7 +136,7 @@ def innovations_figure(squares):
 
     Returns
     -------
-    FigurePair or None
+    Markup or None
     """
     from scipy.special import chdtr, chdtri  # takes 0.25 s to load, so for tracked nights only
 
@@ -157,7 +157,7 @@ def innovations_figure(squares):
     mean, beyond = float(np.mean(nis)) / 2.0, float(np.mean(nis > chdtri(2, 0.05)))
     text = (f'{len(nis)} stars: mean {mean:.2f} of the expected, {100 * beyond:.0f} % beyond the '
             '95 % point')
-    return page.FigurePair([page.Figure(
+    return page.figure_pair([page.figure(
         svg(450, 240, panel.parts, f'Normalised innovations squared. {text}'),
         f'{text}. Line: chi squared, two degrees of freedom.')])
 

@@ -104,24 +104,24 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
     alarms = [f'Alarm: {text}' for text in cross_check.get('alarms', ())]
     if not any(row[axis][key] is not None for row in rows for axis in AXES
                for key in ('measured', 'in_force')):
-        return page.FoldedSection('Zero by power-on', [
-            page.Paragraph('No zero was set.'),
-            page.SentenceList([*alarms, *cross_check.get('notes', ())])])
+        return page.folded_section('Zero by power-on', [
+            page.paragraph('No zero was set.'),
+            page.sentence_list([*alarms, *cross_check.get('notes', ())])])
     lines = alarms or ['The cross-check of the encoders raises no alarm.']
     statements = [zero['statement'] for zero in (
         report.get('changes') or report.get('zeros') or [])[-1:] if zero.get('statement')]
-    marks = page.Legend((('before', 'by the exposures for it, ± 1 σ'),
+    marks = page.legend((('before', 'by the exposures for it, ± 1 σ'),
                          ('after', 'by all rows, active'),
                          ('third', 'incremental − absolute encoder')))
-    drawn = [page.FigurePair([_against(rows, i, [row['run'] for row in rows], 'power-on', axes)
-                              for i in range(2)])] if len(rows) > 1 else []
+    drawn = [page.figure_pair([_against(rows, i, [row['run'] for row in rows], 'power-on', axes)
+                               for i in range(2)])] if len(rows) > 1 else []
     warm = [row['encoder'] if row['encoder'] is not None else row['air'] for row in rows]
     if len(rows) >= _FEWEST and None not in warm and np.ptp(warm) > _LEAST_SPREAD:
-        drawn.append(page.FigurePair([_against(rows, i, warm, 'temperature [°C]', axes)
-                                      for i in range(2)]))
-    return page.FoldedSection('Zero by power-on', [
-        page.SentenceList([*lines, *cross_check.get('notes', ())]), drawn and [marks, *drawn],
-        _table(rows, axes), page.SentenceList(statements)],
+        drawn.append(page.figure_pair([_against(rows, i, warm, 'temperature [°C]', axes)
+                                       for i in range(2)]))
+    return page.folded_section('Zero by power-on', [
+        page.sentence_list([*lines, *cross_check.get('notes', ())]), drawn and [marks, *drawn],
+        _table(rows, axes), page.sentence_list(statements)],
         'Of the incremental encoder, arcsec; drawn against the first power-on.' if drawn else '')
 
 
@@ -142,7 +142,7 @@ def _table(rows, axes):
                       number(row['supply'], 3)])
     kept = [i for i in range(len(head)) if i < 3 or any(cell[i] not in (None, '–')
                                                         for cell in cells)]
-    return page.Table([head[i] for i in kept], [[cell[i] for i in kept] for cell in cells],
+    return page.table([head[i] for i in kept], [[cell[i] for i in kept] for cell in cells],
                       'numbers keep', 'Zero of each power-on')
 
 
@@ -166,4 +166,4 @@ def _against(rows, i, values, label, axes):
         moved = x + (k - 1) * 0.012 * max(float(np.ptp(x)), 1e-3)
         panel.bars(moved, y, sigma if style == 'before' else np.zeros(len(x)), style)
         panel.points(moved, y, style + ' big')
-    return page.Figure(svg(440, 254, panel.parts, f'Zero of the {axes[i]} against {label}'))
+    return page.figure(svg(440, 254, panel.parts, f'Zero of the {axes[i]} against {label}'))

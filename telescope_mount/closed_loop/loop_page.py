@@ -74,27 +74,27 @@ def write_loop_page(folder, report, run):
         params = parameters_of(open_bag(folder / 'bag').metadata, '/star_observer') or {}
     hits = _targets(report, run)
     body = [
-        page.Heading('The loop closed'),
-        page.Paragraph(f'{what} · verdict {report["verdict"]} · mount {run.mount.kind} · '
+        page.heading('The loop closed'),
+        page.paragraph(f'{what} · verdict {report["verdict"]} · mount {run.mount.kind} · '
                        f'{len(run)} observations', 'meta'),
-        page.Controls(),
-        page.VerdictSection(headline, [
-            page.Cards([(before, f'before: {label}'), (after, f'after: {label}'),
+        page.controls(),
+        page.verdict_section(headline, [
+            page.cards([(before, f'before: {label}'), (after, f'after: {label}'),
                         (report['noise_floor_arcsec'], 'noise floor')]),
-            hits and [page.Paragraph(_BLIND, 'note'), hits], page.SentenceList(alarms)],
+            hits and [page.paragraph(_BLIND, 'note'), hits], page.sentence_list(alarms)],
             report['verdict'].replace('_', ' '),
             'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else ''),
-        errors_section(lines, None if lines else page.Paragraph(
+        errors_section(lines, None if lines else page.paragraph(
             'None found: the model is unchanged.')),
-        page.FoldedSection('Effects added', page.Table(
+        page.folded_section('Effects added', page.table(
             ('effect', 'coefficient', 'arcsec', 'σ', 'p', 'ΔBIC'),
             list(effect_rows(report['effects'])), 'numbers')),
-        page.FoldedSection('Summary', page.SentenceList(
+        page.folded_section('Summary', page.sentence_list(
             loop_sentences({**report, 'notes': [], 'alarms': []}))),
-        page.FoldedSection('RMS', page.BarChart(
+        page.folded_section('RMS', page.bar_chart(
             _bars(report), report['noise_floor_arcsec'], 'noise floor')),
-        page.FoldedSection('Diagnosis', body_of(diagnosis)),
-        page.FoldedSection('Notes', page.SentenceList(
+        page.folded_section('Diagnosis', body_of(diagnosis)),
+        page.folded_section('Notes', page.sentence_list(
             [*report['notes'], 'Encoders and instruments: telescope-mount info bag --report '
              'night.html'])),
         provenance_section([
@@ -130,8 +130,8 @@ def _targets(report, run):
     limit = limit_of(*hits)
     first, second = run.mount.names.axes
     axes = (f'{first} × cos {run.mount.names.letters[1]}', second)
-    return page.FigurePair([target(axes, limit, *hit, f'{when}, seen by the camera', when)
-                            for hit, when in zip(hits, ('before', 'after'))])
+    return page.figure_pair([target(axes, limit, *hit, f'{when}, seen by the camera', when)
+                             for hit, when in zip(hits, ('before', 'after'))])
 
 
 def write_all_page(folder, report):
@@ -156,22 +156,22 @@ def write_all_page(folder, report):
         good += row['found'] in ('yes', 'followed', 'in the set', 'rightly none')
         before, after = (row['paired'][when]['rms_arcsec'] for when in ('before', 'after'))
         name = row['scenario']
-        rows.append((page.Link(name, f'{name}/page.html'), row['verdict'],
-                     ', '.join(added(row)) or None, row['found'], page.Number(before),
-                     page.Number(after), page.Number(row['noise_floor_arcsec'])))
+        rows.append((page.link(name, f'{name}/page.html'), row['verdict'],
+                     ', '.join(added(row)) or None, row['found'], page.number(before),
+                     page.number(after), page.number(row['noise_floor_arcsec'])))
         bars.append((row['scenario'], [(before, 'before', 'before'), (after, 'after', 'after')]))
     total = len(report['scenarios'])
     text = whole('The loop closed: all scenarios', [
-        page.Heading('The loop closed'),
-        page.Paragraph(f'{total} scenarios, seed {report["seed"]}', 'meta'),
-        page.VerdictSection(
+        page.heading('The loop closed'),
+        page.paragraph(f'{total} scenarios, seed {report["seed"]}', 'meta'),
+        page.verdict_section(
             f'Correct result in {good} of {total} scenarios: error found, or rightly none',
             kind='' if good == total else 'alarm'),
-        page.Section('Each scenario', page.Table(
+        page.section('Each scenario', page.table(
             ('scenario', 'verdict', 'effects added', 'found', 'before ″', 'after ″', 'floor ″'),
             rows, 'sort'), 'The same fresh stars with the model before and after, radial RMS '
             'on the sky, arcsec.'),
-        page.Section('Before and after', page.BarChart(bars)),
+        page.section('Before and after', page.bar_chart(bars)),
         provenance_section([('seed', str(report['seed']))], [folder / 'report.json'])],
         'Pointing models, corrected and tested')
     write_text(folder / 'page.html', text)

@@ -59,38 +59,38 @@ def render_encoder_test(report, files=()):
     reading, two = np.arange(1.0, 24.0), ('paper', 'template')
     marks = {name: (style, f'{name} ({_MARKS[style]})') for name, style in STYLES.items()}
     body = [
-        page.Heading('23-face test of the absolute encoder'),
-        page.Paragraph(
+        page.heading('23-face test of the absolute encoder'),
+        page.paragraph(
             f'{conditions["readings"]} readings in {conditions["turns"]} turns · '
             f'{conditions["bar_pitch_px"]:g} px a bar · noise '
             f'{conditions["noise_grey_levels"]:g} grey levels unless said · a simulated bench',
             'meta'),
-        page.VerdictSection(headline, [
-            page.Cards([(own, 'template, σ'), (paper, 'method of the paper, σ'),
+        page.verdict_section(headline, [
+            page.cards([(own, 'template, σ'), (paper, 'method of the paper, σ'),
                         (PRINTED_STD['paper'], 'printed in the paper, σ (its own camera)')]),
-            page.Legend(tuple(marks[name] for name in two)),
+            page.legend(tuple(marks[name] for name in two)),
             _curves('One turn', reading, curves['first_turn'], two)]),
         errors_section(_largest(methods)),
-        page.Section('Methods', _methods(report)),
-        page.FoldedSection('Notes', page.SentenceList(notes(report))),
-        page.FoldedSection('Standard deviations', page.BarChart([(name.replace('_', ' '), [
+        page.section('Methods', _methods(report)),
+        page.folded_section('Notes', page.sentence_list(notes(report))),
+        page.folded_section('Standard deviations', page.bar_chart([(name.replace('_', ' '), [
             (row['std_arcsec'], 'after' if name == 'template' else 'before', 'here'),
             (PRINTED_STD.get(name), 'floor', 'printed')]) for name, row in methods.items()])),
-        page.FoldedSection('Errors at the 23 angles', [
-            page.Legend(tuple(marks.values())), page.FigurePair([
+        page.folded_section('Errors at the 23 angles', [
+            page.legend(tuple(marks.values())), page.figure_pair([
             _curves(f'Noise of {loud["noise_grey_levels"]:g} grey levels (fig. 11)', reading,
                     curves['noise_of_the_paper']),
             _curves('Bars displaced at readings 5, 10 and 15 (fig. 12)', reading,
                     curves['damaged']),
             _curves('Through one bar, without noise', np.array(curves['one_bar_position']),
                     curves['one_bar'], label='place in the bar ″', marks=False)])]),
-        page.FoldedSection('One turn, reading by reading', page.Table(
+        page.folded_section('One turn, reading by reading', page.table(
             ('reading', 'printed in table 2 ″', 'paper ″', 'template ″'),
-            [(i + 1, page.Number(table_2['errors_arcsec'][i]),
-              *(page.Number(curves['first_turn'][name][i]) for name in ('paper', 'template')))
+            [(i + 1, page.number(table_2['errors_arcsec'][i]),
+              *(page.number(curves['first_turn'][name][i]) for name in ('paper', 'template')))
              for i in range(23)], 'numbers sort')),
-        page.FoldedSection('What the other methods would need', _needed(report['needed']),
-                           'To be as bad as the paper found them, by one disturbance alone.'),
+        page.folded_section('What the other methods would need', _needed(report['needed']),
+                            'To be as bad as the paper found them, by one disturbance alone.'),
         provenance_section([('seed', str(conditions['seed'])), ('code', conditions['code']),
                             ('bench', f'table off by {conditions["table_error_arcsec"]:.2f}″ at '
                              f'most, blur {conditions["blur_px"]:g} px')], files)]
@@ -114,7 +114,7 @@ def _curves(title, x, curves, names=tuple(STYLES), label='reading', marks=True):
             panel.points(x[good], y[good], STYLES[name])
         if good.sum() > 1:
             deviations.append(f'{name} {np.std(y[good], ddof=1):.2f}')
-    return page.Figure(svg(446, 274, panel.parts, f'{title}. Standard deviation, arcsec: '
+    return page.figure(svg(446, 274, panel.parts, f'{title}. Standard deviation, arcsec: '
                            + ', '.join(deviations)), f'{title}.')
 
 
@@ -130,19 +130,19 @@ def _largest(methods):
 
 def _methods(report):
     loud = report['noise_of_the_paper']['methods']
-    rows = [(name.replace('_', ' '), page.Number(row['std_arcsec']),
-             page.Number(PRINTED_STD.get(name)), page.Number(row['max_arcsec']), row['rejected'],
+    rows = [(name.replace('_', ' '), page.number(row['std_arcsec']),
+             page.number(PRINTED_STD.get(name)), page.number(row['max_arcsec']), row['rejected'],
              row['gross'],
-             page.Number(report['damaged']['methods'][name]['rms_arcsec']),
-             page.Number(loud[name]['std_arcsec'])) for name, row in report['methods'].items()]
-    return page.Table(('method', 'σ ″', 'printed ″', 'largest of a turn, mean ″', 'rejected',
+             page.number(report['damaged']['methods'][name]['rms_arcsec']),
+             page.number(loud[name]['std_arcsec'])) for name, row in report['methods'].items()]
+    return page.table(('method', 'σ ″', 'printed ″', 'largest of a turn, mean ″', 'rejected',
                        'one bar off (not in σ)', 'damaged bars, RMS ″',
                        'σ with the noise of the paper ″'), rows, 'numbers sort')
 
 
 def _needed(rows):
-    return page.Table(
+    return page.table(
         ('disturbance', 'method', 'level needed', 'unit', 'sine there ″', 'R-square there'),
-        [(row['disturbance'].replace('_', ' '), row['rival'], page.Number(row['level'], 1),
-          row['unit'], page.Number(row['paper_arcsec'], 1), page.Number(row['r_square']))
+        [(row['disturbance'].replace('_', ' '), row['rival'], page.number(row['level'], 1),
+          row['unit'], page.number(row['paper_arcsec'], 1), page.number(row['r_square']))
          for row in rows], 'numbers')

@@ -69,24 +69,24 @@ def render_experiment(report, run=None, files=()):
                      f'{case["after_rms_arcsec"]:.2f}″ after.')
     data = None if run is None else residuals_of_nights(report, run)
     body = [
-        page.Heading('Nights with the model of two nights before'),
-        page.Paragraph(
+        page.heading('Nights with the model of two nights before'),
+        page.paragraph(
             f'{len(table1)} nights · seed {report.get("seed")} · {what} · simulated', 'meta'),
-        page.Controls() if data is None else controls(data),
-        page.VerdictSection(
+        page.controls() if data is None else controls(data),
+        page.verdict_section(
             f'Mean of each night’s stars: {radial["after"]:.2f}″ RMS after the zero is set, '
             f'{radial["before"]:.2f}″ before', [
-                page.Cards([(radial['before'], 'before the zero is set'),
+                page.cards([(radial['before'], 'before the zero is set'),
                             (radial['after'], 'after'), (single, 'after, a single star'),
                             (printed, 'after, in the paper (11 nights)')]),
-                page.FigurePair([_nights(table1, axis, name, 'after') for axis, name in AXES]),
-                page.SentenceList(lines)], kind='alarm' if report['alarms'] else ''),
+                page.figure_pair([_nights(table1, axis, name, 'after') for axis, name in AXES]),
+                page.sentence_list(lines)], kind='alarm' if report['alarms'] else ''),
         errors_section(_largest(summary)),
-        page.Section('Nights', _table(report)),
-        page.FoldedSection('Axes', [page.BarChart(bars), page.FigurePair(
+        page.section('Nights', _table(report)),
+        page.folded_section('Axes', [page.bar_chart(bars), page.figure_pair(
             [_nights(table1, axis, name, 'before') for axis, name in AXES])]),
-        page.FoldedSection('Over all nights', _statistics(summary, paper['statistics'])),
-        *([] if data is None else [page.FoldedSection('Residuals on the sky', sky_maps(data)),
+        page.folded_section('Over all nights', _statistics(summary, paper['statistics'])),
+        *([] if data is None else [page.folded_section('Residuals on the sky', sky_maps(data)),
                                    *residual_sections(data)]),
         _satellite(report), _zeros(report['zeros']),
         provenance_section([('seed', str(report.get('seed'))), ('what the simulator does', what)],
@@ -162,7 +162,7 @@ def _nights(rows, axis, name, when):
     panel.axes('night', 'arcsec', f'{name}, {when}')
     panel.points(x, y, f'{when} big', keys=[_key(row['night']) for row in rows])
     label = f'{name}, {when}: mean {np.mean(y):+.2f}, RMS {np.sqrt(np.mean(y**2)):.2f} arcsec'
-    return page.Figure(svg(446, 224, panel.parts, label, 'link'), when=when)
+    return page.figure(svg(446, 224, panel.parts, label, 'link'), when=when)
 
 
 def _table(report):
@@ -172,23 +172,23 @@ def _table(report):
             report['table1'])):
         after = by_night[row['night']]['physical']['after']
         keys.append(_key(row['night']))
-        rows.append((row['night'], *(page.Number(row[f'{when}_{axis}_arcsec'], 2, True)
+        rows.append((row['night'], *(page.number(row[f'{when}_{axis}_arcsec'], 2, True)
                                      for when in WHENS for axis, _ in AXES),
-                     *(page.Number(after.get(f'{axis}_sigma_arcsec'), 2) for axis, _ in AXES),
-                     page.Number(after['radial_rms_arcsec']), after['stars'],
-                     *(page.Number(printed and printed[f'{when}_{axis}_arcsec'], 1, True)
+                     *(page.number(after.get(f'{axis}_sigma_arcsec'), 2) for axis, _ in AXES),
+                     page.number(after['radial_rms_arcsec']), after['stars'],
+                     *(page.number(printed and printed[f'{when}_{axis}_arcsec'], 1, True)
                        for when in WHENS for axis, _ in AXES)))
     head = ['night', *(f'{when} {name} ″' for when in WHENS for _, name in AXES),
             *(f'± {name} ″' for _, name in AXES), 'stars after, radial RMS ″', 'stars',
             *(f'paper: {when} {name} ″' for when in WHENS for _, name in AXES)]
-    return page.Table(head, rows, 'stars sort', 'Mean errors of the stars of each night', keys)
+    return page.table(head, rows, 'stars sort', 'Mean errors of the stars of each night', keys)
 
 
 def _statistics(ours, paper):
-    rows = [(f'{name}, {when}', *(page.Number(one[f'{when}_{axis}_arcsec'][key])
+    rows = [(f'{name}, {when}', *(page.number(one[f'{when}_{axis}_arcsec'][key])
                                   for one in (ours, paper) for key in ('mean', 'std', 'rms')))
             for when in WHENS for axis, name in AXES]
-    return page.Table(('arcsec', 'mean', 'std', 'RMS', 'paper: mean', 'std', 'RMS'), rows,
+    return page.table(('arcsec', 'mean', 'std', 'RMS', 'paper: mean', 'std', 'RMS'), rows,
                       'numbers')
 
 
@@ -207,13 +207,13 @@ def _satellite(report):
                           (-limit, limit))
             panel.axes('minutes', 'arcsec', f'{name}, {when}')
             panel.points(minutes, error, when)
-            drawn.append(page.Figure(svg(446, 194, panel.parts, f'Satellite, {name}, {when}'),
+            drawn.append(page.figure(svg(446, 194, panel.parts, f'Satellite, {name}, {when}'),
                                      when=when))
-    rows = [(f'{name}, {when}', *(page.Number(one[when].get(f'{axis}_{key}_arcsec'))
+    rows = [(f'{name}, {when}', *(page.number(one[when].get(f'{axis}_{key}_arcsec'))
                                   for one in (ours, ours['paper']) for key in ('mean', 'std')))
             for when in WHENS for axis, name in AXES]
-    return page.FoldedSection('A GPS satellite, before and after the zero calibration', [
-        page.FigurePair(drawn[:2]), page.FigurePair(drawn[2:]), page.Table(
+    return page.folded_section('A GPS satellite, before and after the zero calibration', [
+        page.figure_pair(drawn[:2]), page.figure_pair(drawn[2:]), page.table(
             ('arcsec', 'mean', 'std', 'paper: mean', 'paper: std'), rows, 'numbers')])
 
 
@@ -244,18 +244,18 @@ def _zeros(summary):
                 ends = np.array([x.min(), x.max()])
                 level = np.mean(y - cause['slope_arcsec'] * x)
                 panel.line(ends, level + cause['slope_arcsec'] * ends, 'fit')
-            drawn.append(page.Figure(svg(446, 224, panel.parts,
+            drawn.append(page.figure(svg(446, 224, panel.parts,
                                          f'Zero of the {label} against {words}')))
     tonight, rows = summary['tonight'], []
     for _, name in AXES:
         one = tonight and tonight[name]
         if one:
-            rows.append((name, page.Number(one['expected_arcsec'], 1, True),
-                         page.Number(one['sigma_arcsec'], 1),
-                         page.Number(one['measured_arcsec'], 1, True),
-                         page.Number(one['measured_sigma_arcsec'], 1)))
-    predicted = page.Subsection('The last power-on, predicted before Polaris was seen', page.Table(
+            rows.append((name, page.number(one['expected_arcsec'], 1, True),
+                         page.number(one['sigma_arcsec'], 1),
+                         page.number(one['measured_arcsec'], 1, True),
+                         page.number(one['measured_sigma_arcsec'], 1)))
+    predicted = page.subsection('The last power-on, predicted before Polaris was seen', page.table(
         ('axis', 'predicted ″', '± ″', 'measured ″', '± ″'), rows, 'numbers'))
-    return page.FoldedSection('What the zeros of the power-ons follow', [
-        page.SentenceList(season_lines(summary)), page.FigurePair(drawn), predicted],
+    return page.folded_section('What the zeros of the power-ons follow', [
+        page.sentence_list(season_lines(summary)), page.figure_pair(drawn), predicted],
         'Zero since the first power-on, against what was measured at the mark.')
