@@ -24,7 +24,7 @@ from pointing_model.sky.places import SIDEREAL
 
 from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, on_axis
 from .drifts import several_runs
-from .graduation import declared_axis, is_gear
+from .graduation import declared_axis, declared_pairs, is_gear, number_of
 
 _TURN = 2.0 * np.pi
 #: reductions of strain-wave drives (ratios listed by their makers). Their error has two periods
@@ -61,16 +61,9 @@ def declared_worms(given, names=None):
     ValueError
         Unknown axis, or invalid number of periods.
     """
-    if isinstance(given, str):
-        parts = [part.partition('=') for part in given.split(',') if part.strip()]
-        given = {name.strip(): value.strip() for name, _, value in parts}
     out = {}
-    for name, value in given.items():
-        axis = declared_axis(name, f'worm {name}={value}', names)
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = np.nan
+    for name, value in declared_pairs(given).items():
+        axis, number = declared_axis(name, f'worm {name}={value}', names), number_of(value)
         if axis not in AXES or not 1.0 <= number <= 1e5:
             raise ValueError(f'worm {name}={value}: give an axis and the periods in a turn of it '
                              '(teeth of the worm wheel), such as ha=180')

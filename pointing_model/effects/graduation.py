@@ -60,6 +60,22 @@ def declared_axis(name, what, names=None):
     return BY_COLUMN.get(name, name)
 
 
+def declared_pairs(given):
+    """Name -> value of a text ``name=value, name=value``; a dict is returned unchanged."""
+    if not isinstance(given, str):
+        return given
+    parts = (part.partition('=') for part in given.split(',') if part.strip())
+    return {name.strip(): value.strip() for name, _, value in parts}
+
+
+def number_of(value):
+    """A declared number; NaN if it is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return np.nan
+
+
 def declared_graduation(given, names=None):
     """Parse the declared graduation of the encoders.
 
@@ -81,11 +97,8 @@ def declared_graduation(given, names=None):
     ValueError
         Unknown graduation, unknown axis, or invalid number of lines.
     """
-    if isinstance(given, str):
-        parts = [part.partition('=') for part in given.split(',') if part.strip()]
-        given = {name.strip(): value.strip() for name, _, value in parts}
     out = {axis: {} for axis in AXES}
-    for name, value in given.items():
+    for name, value in declared_pairs(given).items():
         if name in AXES and isinstance(value, dict):
             value = [(name, kind, lines) for kind, lines in value.items()]
         else:
@@ -96,10 +109,7 @@ def declared_graduation(given, names=None):
             if axis not in AXES or kind not in _KINDS:
                 raise ValueError(f'graduation {name!r} is none of {", ".join(_KINDS)} (or '
                                  f'az.{kind}, el.{kind} for one axis), such as grating=47200')
-            try:
-                number = float(lines)
-            except (TypeError, ValueError):
-                number = np.nan
+            number = number_of(lines)
             if not (number == np.floor(number) and _FEWEST <= number <= _MOST):
                 raise ValueError(f'graduation {name}={lines}: give the whole number of lines or '
                                  f'bars in a turn, {_FEWEST} to {_MOST}, such as grating=47200 '

@@ -51,6 +51,11 @@ def mount_of(node):
     return parse_mount(node.value(KIND_OF_MOUNT.name), node.value('latitude_deg') * DEG)
 
 
+def site_of(value):
+    """The `Site` from its parameters; `value`: of a name, as `node.value`."""
+    return Site(**{one.field: value(name) * one.size for name, one in SITE.items()})
+
+
 def sky_of(node):
     """Site and weather from the parameters of `node`.
 
@@ -59,11 +64,10 @@ def sky_of(node):
     site : Site
     weather : Weather
     """
-    place, air = ({one.field: node.value(name) * one.size for name, one in table.items()}
-                  for table in (SITE, AIR))
+    site, air = site_of(node.value), {
+        one.field: node.value(name) * one.size for name, one in AIR.items()}
     if air['pressure_hpa'] < 0.0:
         del air['pressure_hpa']
-    site = Site(**place)
     weather = air_at(site.height, air)
     for text in odd_pressure(weather.pressure_hpa, site.height):
         node.get_logger().warning(text)

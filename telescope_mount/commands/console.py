@@ -335,6 +335,11 @@ def _plain(value):
     return str(value)
 
 
+def hold_up_lines(console):
+    """For a night: prints why it is held up, and that it goes on ('')."""
+    return lambda text: console.print(f'held up: {text}' if text else 'goes on')
+
+
 def end_of_night(console, json, report, width=13):
     """Write --json, list the existing files, and report incomplete outputs.
 

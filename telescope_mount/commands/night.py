@@ -92,7 +92,7 @@ def run(args):
     from ..nights.server_night import EXPOSURE
     from ..nights.whole_night import run_night
     from ..observing.plan import ZERO_EXPOSURES
-    from .console import ProgressLine, end_of_night, new_console, print_calibration
+    from .console import ProgressLine, end_of_night, hold_up_lines, new_console, print_calibration
     if options.is_list(args):
         return options.list_scenarios(args)
     if args.reference is not None and args.power_cycle != 'incremental':
@@ -112,10 +112,6 @@ def run(args):
         ('track', args.track), ('pass', args.satellite_pass)) if text)
     discrimination = f'tell_apart {args.tell_apart.replace(",", " ")}' if args.tell_apart else ''
     console = new_console()
-
-    def hold_up(text):
-        console.print(f'held up: {text}' if text else 'goes on')
-
     common = {
         'seed': args.seed, 'stars': args.stars, 'reference': args.reference,
         'domain_number': args.domain, 'params_file': args.params, 'sky': options.sky_of(args),
@@ -125,7 +121,7 @@ def run(args):
             from ..nights.real_night import run_server_night
             report = run_server_night(
                 args.out, args.mount, camera=args.camera, drivers=args.driver, anew=args.anew,
-                exposure=args.exposure, progress=progress, hold_up=hold_up,
+                exposure=args.exposure, progress=progress, hold_up=hold_up_lines(console),
                 note=console.print, **common)
         else:
             report = run_night(

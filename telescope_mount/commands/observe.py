@@ -61,21 +61,17 @@ def run(args):
     """Observe, print, write."""
     from ..nights.real_night import run_real_night
     from ..observing.plan import BLOCK_STARS
-    from .console import ProgressLine, end_of_night, new_console, print_calibration
+    from .console import ProgressLine, end_of_night, hold_up_lines, new_console, print_calibration
     if args.plan:
         options.refuse(args, 'applies without --plan; leave it out', stars=BLOCK_STARS)
     console = new_console()
-
-    def hold_up(text):
-        console.print(f'held up: {text}' if text else 'goes on')
-
     with ProgressLine(console, every=30.0) as progress:
         report = run_real_night(
             args.out, plan=args.plan, stars=args.stars, drivers=args.driver, mount=args.mount,
             sky=options.sky_of(args), absolute_encoder=args.absolute_encoder,
             inclinometer=args.inclinometer, exposure=args.exposure, anew=args.anew,
             reference=args.reference, domain_number=args.domain, params_file=args.params,
-            progress=progress, hold_up=hold_up,
+            progress=progress, hold_up=hold_up_lines(console),
             note=console.print)
     print_calibration(console, report, args.verbose, len(report['files']))
     return end_of_night(console, args.json, report)

@@ -24,8 +24,7 @@ from msg_tools import convert, topics
 from msg_tools.power_on import PowerOns
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
-from pointing_model.sky.site import Site
-from pointing_model.sky.sky_params import SKY_PARAMS
+from pointing_model.sky.sky_params import SKY_PARAMS, site_of
 from telescope_mount.guard.allowed_sky import AllowedSky
 
 from ..running_graph.graph_client import GraphClient
@@ -252,8 +251,7 @@ def _site(rows):
     missing = [param.name for param in SKY_PARAMS[:3] if param.name not in rows]
     if missing:
         raise ValueError(f'not nudged: the guard has no {missing[0]}: start it anew')
-    latitude, longitude, height = (float(rows[param.name]) for param in SKY_PARAMS[:3])
-    return Site(latitude * DEG, longitude * DEG, height)
+    return site_of(lambda name: float(rows[name]))
 
 
 def _endpoint(info):

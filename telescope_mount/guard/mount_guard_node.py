@@ -24,8 +24,7 @@ from msg_tools import convert, topics
 from msg_tools.node_lifecycle import ACTIVATION, ManagedNode
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
-from pointing_model.sky.site import Site
-from pointing_model.sky.sky_params import SKY_PARAMS, mount_of
+from pointing_model.sky.sky_params import SKY_PARAMS, mount_of, site_of
 from pointing_model.sky.skyline import Horizon, parse_horizon
 
 from ..observing.axis_demand import Track
@@ -81,7 +80,7 @@ class MountGuard(ManagedNode):
                 'horizon lower there')
         self._park = parse_pair(value('park_deg'))
         supervisor = GotoSupervisor if value('goto') else Supervisor
-        self._supervisor = supervisor(limits, _site(self), GuardSettings(
+        self._supervisor = supervisor(limits, site_of(self.value), GuardSettings(
             self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
             self._whole and value('use_sim_time')),
@@ -271,7 +270,7 @@ class MountGuard(ManagedNode):
         if self._resting and self._supervisor.state == 'paused':
             self._do('', self._supervisor.resume)
         self._resting = False
-        site = _site(self)
+        site = site_of(self.value)
         for limit, distance in self._limits.keep_out:
             if self._whole or not limit.turns or not self._now():
                 continue
@@ -349,8 +348,3 @@ class MountGuard(ManagedNode):
     def details(self):
         """State of the mount."""
         return [*super().details(), ('mount', self._supervisor.state), ('why', self._reason)]
-
-
-def _site(node):
-    latitude, longitude, height = (node.value(param.name) for param in SKY_PARAMS[:3])
-    return Site(latitude * DEG, longitude * DEG, height)

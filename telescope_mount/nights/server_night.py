@@ -14,6 +14,7 @@
 
 """A night on a mount of an INDI or Alpaca server: its kind, its site, and its graph."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.sky.site import DEFAULT_SITE, SITE
 from telescope_mount.bridges.connection import PORTS, BridgeError, parse_address
 
-from ..graph import NODES, TRUTH, NodeSpec, given_of, mode_of, pass_of
+from ..graph import NODES, REAL, NodeSpec, pass_of, real_graph
 
 #: how the simulators slew, for the guard: both axes together, immediately at full speed
 SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_acceleration_deg_s2': 60.0,
@@ -31,8 +32,6 @@ SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_accelerat
 #: INDI's equatorial simulator turns its hour angle around +90 degrees, and never passes -90
 #: (`rotateCentre` in drivers/telescope/scopesim_helper of 1.9.9): it goes the long way round
 INDI_FORK = {'first_travel_deg': '-88,178'}
-#: nodes besides the mount of a server and the source of the observed place
-BESIDE = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
 #: s that the axes must rest for a simulator that is polled for its place between readings
 REST_BEFORE_POLL = 0.5
 #: default exposure time of a camera, s
@@ -242,26 +241,23 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
         parameters[f'{protocol}_sky'] = dict(server) | bridge | {
             'seed': seed, 'satellite': pass_of(plan)}
         exposure = REST_BEFORE_POLL if protocol == 'alpaca' else 0.0  # INDI: at its readings
-    names = *parameters, *BESIDE
-    parameters |= {
-        'mount_guard': {'mount': mount, 'goto': True, 'park_deg': KINDS[mount].park_deg,
+    special = {
+        'mount_guard': {'goto': True, 'park_deg': KINDS[mount].park_deg,
                         # a driver stops with a short delay
                         'request_timeout_s': 0.35} | (
             # places beyond the zenith are not sent
             {'second_travel_deg': '-5,89'} if KINDS[mount].vertical else {}) | (
-            slews or {'slew_timing': 0.0}) | given_of(sky, SITE),
+            slews or {'slew_timing': 0.0}),
         'star_observer': {
-            'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
-            'state_file': state_file,
+            'star_seed': seed, 'first_run': first_run,
             # the driver chooses the side at the meridian itself
-            'absolute_encoder': False, 'meridian_limit_deg': 0.0,
+            'meridian_limit_deg': 0.0,
             # it first comes to rest next to the star, and is then sent again
-            'on_target_arcsec': 3.0, 'renew_request_s': 0.1, 'exposure_s': exposure,
-            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in names],
-        } | ({'plan': plan} if plan else {}) | sky,
-        'pointing_corrector': {'model_file': model_file},
-        'calibration': {'model_file': model_file, 'split_seed': seed} | mode_of(plan) | (
-            calibration or {}),
-        'mcap_logger': {'folder': bag, 'exclude': [TRUTH]},
-    }
-    return [NodeSpec(name, NODES[name], parameters[name]) for name in names]
+            'on_target_arcsec': 3.0, 'renew_request_s': 0.1,
+            'wait_for_nodes': [f'{NAMESPACE}/{name}' for name in (*parameters, *REAL)]}}
+    beside = real_graph(bag=bag, plan=plan, mount=mount, sky=sky, model_file=model_file,
+                        exposure=exposure, state_file=state_file,
+                        calibration={'split_seed': seed, **(calibration or {})})
+    return [*(NodeSpec(name, NODES[name], values) for name, values in parameters.items()),
+            *(replace(spec, parameters=spec.parameters | special.get(spec.name, {}))
+              for spec in beside)]

@@ -187,11 +187,24 @@ class WordRows(TextRows):
         For messages.
     body : list of (int, str)
         Line number in the file and text of each row.
+
+    Attributes
+    ----------
+    commented : ndarray of bool
+        Whether a row is commented out (``#``): the observers have rejected it.
     """
 
     def __init__(self, path, body):
         super().__init__(path, [number for number, _ in body])
         self.cells = [line.lstrip('# ').split() for _, line in body]
+        self.commented = np.array([line.startswith('#') for _, line in body])
+
+    @classmethod
+    def of_usual_width(cls, path, body):
+        """The rows without comments of another width; and the usual width."""
+        width = usual_width(body)
+        return cls(path, [(number, line) for number, line in body if not line.startswith('#')
+                          or len(line.lstrip('# ').split()) == width]), width
 
     def column(self, i):
         """Cells of column `i`, a list of str."""

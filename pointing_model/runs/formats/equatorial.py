@@ -24,7 +24,7 @@ from pointing_model.mounts import ALTAZ, Mount, sides
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
 from pointing_model.runs.run import REQUIRED
 
-from ..columns.cell_values import WordRows, is_number, sexagesimal, usual_width
+from ..columns.cell_values import WordRows, is_number, sexagesimal
 from ..columns.pier_side import read_beyond
 from ..columns.row_checks import PAIRS
 from ..columns.run_table import RunTable
@@ -74,10 +74,7 @@ def read_exported(path, body, meta, options=(), altaz=False):
     if 'date' not in meta:
         raise ValueError(f'{path}: no date in the line with the latitude; the places of the stars '
                          'need it')
-    width = usual_width(body)
-    body = [(number, line) for number, line in body
-            if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
-    rows = WordRows(path, body)
+    rows, width = WordRows.of_usual_width(path, body)
     if width < PLACES:
         raise ValueError(f'{path}, row {rows.lines[0]}: {width} numbers; {PLACES} are read '
                          '(right ascension and declination of catalogue and telescope, sidereal '
@@ -116,8 +113,7 @@ def read_exported(path, body, meta, options=(), altaz=False):
     _auxiliary(rows, after + 8, options, columns, meta)
     table = RunTable(columns, rows.lines, meta, rows.reasons,
                      names=ALTAZ.names if altaz else KINDS['equatorial'])
-    table.exclude(np.array([line.startswith('#') for _, line in body]),
-                  'rejected by the observers (#)')
+    table.exclude(rows.commented, 'rejected by the observers (#)')
     return table
 
 

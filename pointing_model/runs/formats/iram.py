@@ -75,8 +75,7 @@ def read(path, lines):
     for i in strange:
         rows.cells[i] = [''] * len(names)
     table = _table(rows, dict(zip(names, zip(*rows.cells))))
-    table.exclude(np.array([line.startswith('#') for _, line in body]),
-                  'rejected by the observers (#)')
+    table.exclude(rows.commented, 'rejected by the observers (#)')
     for name, label in (('x_arcsec', 'pnt.X'), ('y_arcsec', 'pnt.Y')):
         table.exclude(np.isnan(table.columns[name]), f'{label} was not measured')
     return table

@@ -22,7 +22,7 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.runs.run import REQUIRED
 
-from ..columns.cell_values import WordRows, is_number, sexagesimal, usual_width
+from ..columns.cell_values import WordRows, is_number, sexagesimal
 from ..columns.run_table import NoObservations, RunFormat, RunTable, content
 from .equatorial import PLACES, read_exported, read_short
 
@@ -101,10 +101,7 @@ def read(path, lines):
     if exported or len(body[0][1].lstrip('# ').split()) >= PLACES:
         return read_exported(path, body, meta, words, altaz=not exported)
     rotator = any(option.startswith('ROT') for option in options)
-    width = usual_width(body)
-    body = [(number, line) for number, line in body
-            if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
-    rows = WordRows(path, body)
+    rows, width = WordRows.of_usual_width(path, body)
     if not 4 <= width <= 8:
         raise ValueError(f'{path}, row {rows.lines[0]}: {width} numbers; only format 4 (observed '
                          'azimuth and elevation, mount azimuth and elevation) is read')
@@ -115,8 +112,7 @@ def read(path, lines):
                for key, name, column in zip([*REQUIRED, *names[4:]], names, zip(*rows.cells))}
     commented = [n for n, words in commented if len(words) == width and n > begin]
     table = RunTable(columns, rows.lines, meta, rows.reasons, commented=commented)
-    table.exclude(np.array([line.startswith('#') for _, line in body]),
-                  'rejected by the observers (#)')
+    table.exclude(rows.commented, 'rejected by the observers (#)')
     if sense is not None and sense.group(1)[0].upper() == 'W':
         for name in (REQUIRED[0], REQUIRED[2]):
             columns[name] = np.mod(-columns[name], 360.0)

@@ -14,9 +14,7 @@
 
 """Images of an INDI camera for ``bolts --live``: single exposures with axis readings."""
 
-import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -105,10 +103,7 @@ class BoltCamera:
         came, self._count = time.time(), self._count + 1
         name, moment = f'image {self._count}', image.middle * 1e-9
         try:
-            with tempfile.TemporaryDirectory(prefix='bolts_') as folder:
-                path = Path(folder) / 'image.fits'
-                path.write_bytes(image.data)
-                solution, sigma = self._solve(path)
+            solution, sigma = image.solved(self._solve)
             yield name, came, self._place(solution, sigma, moment, *self._readings(moment),
                                           self.site, name), None
         except NotSolved as error:

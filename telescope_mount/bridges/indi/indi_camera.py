@@ -14,10 +14,12 @@
 
 """A camera of an INDI server: single exposures and their times."""
 
+import tempfile
 import threading
 import time
 import zlib
 from io import BytesIO
+from pathlib import Path
 from typing import NamedTuple
 
 from msg_tools.iso_time import iso_seconds
@@ -49,6 +51,13 @@ class CameraImage(NamedTuple):
     data: bytes
     middle: int
     note: str
+
+    def solved(self, solve):
+        """Result of `solve`, called with the path of the image."""
+        with tempfile.TemporaryDirectory(prefix='indi_image_') as folder:
+            path = Path(folder) / 'image.fits'
+            path.write_bytes(self.data)
+            return solve(path)
 
 
 class IndiCamera:

@@ -14,9 +14,6 @@
 
 """Sources of exposures for `indi_sky`: a simulator, or a camera's plate solves."""
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
 from msg_tools.node import Param
@@ -151,10 +148,7 @@ class SolvedSky(IndiSource):
 
     def _miss(self, image):
         from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
-        with tempfile.TemporaryDirectory(prefix='indi_sky_') as folder:
-            path = Path(folder) / 'image.fits'
-            path.write_bytes(image.data)
-            found, _ = self._solver.solve(path)
+        found, _ = image.solved(self._solver.solve)
         time = image.middle * 1e-9
         ra, dec = to_icrs(np.radians(found.ra_deg), np.radians(found.dec_deg),
                           found.frame or ICRS, time)
