@@ -21,21 +21,11 @@ Today a ``frame_id`` is a link of the URDF. Then it gave the power-on of a readi
 """
 
 import re
-from typing import NamedTuple
 
 _PREFIX, _MOUNT = 'power_on_', 'mount_enu/'
 _NUMBER, _START = _PREFIX + r'(-?\d+)', r'@(\d+(?:\.\d+)?)'
 _POWER_ON = re.compile(_NUMBER + _START)
 _ZERO = re.compile(rf'{_NUMBER}(?:{_START})?(?:/(\w+))?(?:\+(stars))?')
-
-
-class ZeroFrame(NamedTuple):
-    """Content of the frame of a zero; None for missing parts."""
-
-    run: int
-    started: float | None
-    model: str | None
-    by: str | None
 
 
 def power_on_in(frame):
@@ -45,7 +35,9 @@ def power_on_in(frame):
 
 
 def zero_in(frame):
-    """The `ZeroFrame` of a zero; None if the frame holds nothing.
+    """Power-on, its start (UTC s), model and way of a zero; None if the frame holds nothing.
+
+    Only the power-on is never None.
 
     Raises
     ------
@@ -58,7 +50,7 @@ def zero_in(frame):
     if found is None:
         raise ValueError(f'zero of {frame!r}: no number of a power-on')
     run, started, model, by = found.groups()
-    return ZeroFrame(int(run), None if started is None else float(started), model, by)
+    return int(run), None if started is None else float(started), model, by
 
 
 def mount_in(frame):

@@ -37,7 +37,6 @@ empirical term. It is inverted by iteration; each step reduces the error by a fa
 """
 
 from math import cos, hypot, sin
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,26 +48,6 @@ from .pointing_terms import TERMS, Trig
 
 _TOLERANCE = 1e-8 * ARCSEC
 _STEPS = 50
-
-
-class _AxisSolution(NamedTuple):
-    """Intermediate vectors between a direction and the axis angles.
-
-    Attributes
-    ----------
-    ux, uy, horizontal : ndarray
-        Horizontal components of the direction in the base frame, and the sum of their squares.
-    vx, vy, sin_e, cos_e : ndarray
-        Components before the azimuth rotation, and sine and cosine of the second axis angle.
-    """
-
-    ux: np.ndarray
-    uy: np.ndarray
-    horizontal: np.ndarray
-    vx: np.ndarray
-    vy: np.ndarray
-    sin_e: np.ndarray
-    cos_e: np.ndarray
 
 
 def values(coefficients, mount):
@@ -150,7 +129,9 @@ def _to_axes(trig, known):
     -------
     d_az, d_el : ndarray
         Radians; NaN where the mount cannot point.
-    way : _AxisSolution
+    way : tuple of ndarray
+        On the way: horizontal components of the direction in the base frame, and the sum of their
+        squares; components before the azimuth rotation, sine and cosine of the second angle.
     """
     ia, ie, ca, npae, an, aw, tf = known
     sin_az, cos_az, sin_el, cos_el = trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el
@@ -171,7 +152,7 @@ def _to_axes(trig, known):
     across, along = ux * cos_az - uy * sin_az, ux * sin_az + uy * cos_az
     d_az = np.arctan2(vy * across - vx * along, vx * across + vy * along)
     d_el = np.arctan2(sin_e * cos_el - cos_e * sin_el, cos_e * cos_el + sin_e * sin_el)
-    return d_az + ia, d_el + ie, _AxisSolution(ux, uy, horizontal, vx, vy, sin_e, cos_e)
+    return d_az + ia, d_el + ie, (ux, uy, horizontal, vx, vy, sin_e, cos_e)
 
 
 def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):

@@ -290,7 +290,7 @@ class PeriodBank(CandidateBank):
         for block in self._blocks(groups):
             columns = np.concatenate([np.arange(a, b) for a, b in zip(
                 self._start[block], self._start[block + 1])])
-            some = _Plain(map(_Wave, self._start[block + 1] - self._start[block]),
+            some = CandidateBank(map(_Wave, self._start[block + 1] - self._start[block]),
                           self.columns[columns])._scored(fit, None)
             dof[block], gains[block] = some.dof, some.delta_bic
         return Scores(dof, gains, self, fit)
@@ -379,7 +379,7 @@ class PeriodBank(CandidateBank):
         columns = self.scans[self.line[g]].waves(
             np.multiply.outer(rates, np.repeat(orders, 2)).ravel(),
             0.5 * np.pi * np.tile([0.0, 1.0], len(orders) * len(rates)))
-        bank = _Plain([_Wave(2 * len(orders))] * len(rates), columns)
+        bank = CandidateBank([_Wave(2 * len(orders))] * len(rates), columns)
         return bank._scored(fit, None).delta_bic
 
     def shortlist(self, scores, chosen):
@@ -455,10 +455,6 @@ class _Wave:
 
     def __init__(self, size):
         self.coefficient_names = ('',) * size
-
-
-class _Plain(CandidateBank):
-    """A bank that is scored once."""
 
 
 def rate_error(fit, scan, rate, orders):

@@ -39,8 +39,7 @@ OTHERS = {
     'telescope_mount/processes/domain.py': 'a lock, which stays empty',
     'telescope_mount/processes/fork_server.py': 'its own outputs, which are a log',
     'pointing_model/runs/plate_solves/solvers.py': 'for the solver, in a folder of its own',
-    'telescope_mount/bridges/indi/bolt_camera.py': 'an image for the solver, in its folder',
-    'telescope_mount/bridges/indi/indi_sources.py': 'an image for the solver, in its folder',
+    'telescope_mount/bridges/indi/indi_camera.py': 'an image for the solver, in its folder',
 }
 
 
