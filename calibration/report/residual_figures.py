@@ -61,7 +61,7 @@ def _groups(data):
 def sky_maps(data, beside=None):
     """Maps of residual vectors before and after on one scale; after also magnified if small.
 
-    `beside` is a figure shown next to two maps.
+    One map if both are the same. `beside` is a figure shown next to two maps.
     """
     used = data.used
     if not used.any():
@@ -79,7 +79,8 @@ def sky_maps(data, beside=None):
     scale = min(blank.scale_for(*places, *toward[when], long / max(*typical.values(), 1e-6))
                 for when in WHENS)
     own = blank.scale_for(*places, *toward['after'], long / max(typical['after'], 1e-6))
-    maps = [('before', scale, ''), ('after', scale, '')]
+    same = np.array_equal(data.of('before'), data.of('after'), equal_nan=True)
+    maps = [('before', scale, ''), *[('after', scale, '')] * (not same)]
     if own > MAGNIFIED * scale:
         times = float(f'{own / scale:.1g}')
         maps.append(('after', times * scale, f', drawn {times:g} times as large'))
@@ -105,7 +106,7 @@ def sky_maps(data, beside=None):
         out.append(page.figure(
             svg(400, 400, sky.parts, f'Map of the sky. {what}{arcsec(rms_of)} RMS{more}', 'link',
                 margins),
-            (what, page.size(rms_of, when), f' RMS{more}.{longer}'), when))
+            (what, page.size(rms_of, when), f' RMS{more}.{longer}'), '' if same else when))
     some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
     if beside is not None and len(out) < 3:
         out.append(beside)

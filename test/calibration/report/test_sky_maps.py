@@ -25,14 +25,14 @@ from calibration.report.residuals import Residuals
 from msg_tools.units import DEG
 
 
-def maps(size, toward_rim=True, gross=None):
+def maps(size, toward_rim=True, gross=None, left=0.8):
     """Maps of stars, the lowest of them missed outward at the rim."""
     n = 40
     az, el = np.linspace(0.0, 2.0 * np.pi, n), np.linspace(21.0, 88.0, n) * DEG
     y = np.full(n, -size if toward_rim else size)
     y[0] *= gross or 1.0
     before = np.stack((np.zeros(n), y))
-    return drawn(sky_maps(Residuals(['a'] * n, az, el, before, 0.8 * before, np.ones(n, bool))))
+    return drawn(sky_maps(Residuals(['a'] * n, az, el, before, left * before, np.ones(n, bool))))
 
 
 def tips(drawing):
@@ -59,3 +59,8 @@ def test_no_arrow_is_cut(size, gross):
 
 def test_a_map_whose_arrows_stay_within_has_no_margin():
     assert 'viewBox="0 0 400 400"' in maps(1.0, toward_rim=False)
+
+
+def test_where_nothing_was_changed_there_is_one_map_always_in_sight():
+    text = maps(1.0, left=1.0)
+    assert text.count('<svg') == 1 and 'class="when-' not in text
