@@ -51,6 +51,7 @@ setup(
     package_data={
         'calibration': ['data/*', 'report/*.css', 'report/*.js'],
         'encoder_sim': ['scenarios/*.yaml'],
+        'msg_tools': ['endpoints.json'],
         'telescope_mount': ['dds/*.xml'],
     },
     data_files=[

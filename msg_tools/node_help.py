@@ -14,15 +14,14 @@
 
 """``NODE --help``: purpose, parameters, topics and services of a node, without starting it.
 
-Topics and services are read from the source of the node and its helpers, so the help needs
-neither a graph nor the node's devices.
+Topics and services are listed in ``endpoints.json``, so the help needs neither a graph nor the
+node's devices.
 """
 
-import ast
+import json
 import re
 import sys
 import textwrap
-from importlib import import_module
 from pathlib import Path
 
 from . import NAMESPACE, topics
@@ -31,9 +30,6 @@ from . import NAMESPACE, topics
 _UNITS = (('_deg_s2', 'deg/s^2'), ('_deg_s', 'deg/s'), ('_arcsec_s', 'arcsec/s'), ('_deg', 'deg'),
           ('_arcsec', 'arcsec'), ('_hz', 'Hz'), ('_ms', 'ms'), ('_hpa', 'hPa'), ('_um', 'um'),
           ('_mb', 'MB'), ('_c', 'deg C'), ('_m', 'm'), ('_s', 's'))
-#: modules with endpoints that every node has
-_SHARED = (('msg_tools', 'node'), ('msg_tools', 'parameters'))
-_VERBS = {'publisher': 'gives', 'subscribe': 'takes'}
 
 
 def wants_help(args):
@@ -64,7 +60,7 @@ def node_help(node_class):
     name = Path(module.__file__).stem.removesuffix('_node')
     lines = [f'usage: ros2 run telescope_mount {name} --ros-args [-p PARAMETER:=VALUE ...] '
              f'[-r __ns:=/NAME] [--params-file FILE]', '', *_paragraphs(module.__doc__)]
-    ends = endpoints(node_class)
+    ends = endpoints(name)
     for verb in ('takes', 'gives'):
         rows = [(topic.name, topic.type) for topic in ends[verb]]
         lines += _block(f'topics that it {verb} (relative to {NAMESPACE}):', rows)
@@ -111,106 +107,20 @@ def _described(param):
     return re.sub(r'\s*\[[^\]]+\]', '', param.doc) + f' ({", ".join(filter(None, facts))})'
 
 
-# --- from the source -----------------------------------------------------------------------------
-
-
-def endpoints(node_class):
-    """Topics and services that the source of a node creates.
+def endpoints(name):
+    """Topics and services of a node, as ``docs/make/nodes.py`` found them in a running one.
 
     Parameters
     ----------
-    node_class : type
+    name : str
 
     Returns
     -------
     dict of str to list
         ``takes`` and ``gives``: lists of `topics.Topic`; ``services``: list of str.
     """
-    found = {'takes': {}, 'gives': {}, 'services': {}}
-    scanned = set()
-    for base in node_class.__mro__:
-        name = base.__module__
-        if name == '__main__':  # started with ``python -m``
-            name = sys.modules[name].__spec__.name
-        house, _, part = name.partition('.')
-        if part and house != 'rclpy' and (house, part) not in _SHARED:
-            _scan(name, found, scanned)
-    return {'takes': sorted(found['takes'].values(), key=lambda t: t.name),
-            'gives': sorted(found['gives'].values(), key=lambda t: t.name),
-            'services': sorted(found['services'])}
-
-
-def _scan(name, found, scanned):
-    """Search a module, and those of the same package that create endpoints for the node."""
-    if name in scanned:
-        return
-    scanned.add(name)
-    tree = ast.parse(Path(import_module(name).__file__).read_text(encoding='utf-8'))
-    constants = {target.id: item.value for item in tree.body if isinstance(item, ast.Assign)
-                 for target in item.targets if isinstance(target, ast.Name)}
-    for function in ast.walk(tree):
-        if isinstance(function, ast.FunctionDef):
-            loops = {name.id: loop.iter for loop in ast.walk(function)
-                     if isinstance(loop, ast.For | ast.comprehension)
-                     for name in ast.walk(loop.target)
-                     if isinstance(name, ast.Name)}
-            for call in ast.walk(function):
-                if isinstance(call, ast.Call):
-                    _take(call, {**constants, **loops}, found)
-    for item in tree.body:
-        if isinstance(item, ast.ImportFrom):
-            house = name.split('.')[0]
-            other = f'{house}.{item.module}' if item.level else item.module
-            helper = other and other.split('.')[0] in (house, 'pointing_model', 'encoder_reading')
-            if helper and not other.endswith('_node') and _has_node(other):
-                _scan(other, found, scanned)
-
-
-def _has_node(name):
-    """Whether a module has functions that create endpoints of a node."""
-    try:
-        source = Path(import_module(name).__file__).read_text(encoding='utf-8')
-    except (ImportError, OSError):
-        return False
-    return 'node.publisher(' in source or 'node.subscribe(' in source
-
-
-def _take(call, known, found):
-    made = call.func
-    if not (isinstance(made, ast.Attribute) and isinstance(made.value, ast.Name)
-            and made.value.id in ('self', 'node') and call.args):
-        return
-    if made.attr in _VERBS:
-        for topic in _topics(call.args[0], known):
-            found[_VERBS[made.attr]][topic.name] = topic
-    elif made.attr in ('serve', 'create_service'):
-        for text in _texts(call.args[made.attr == 'create_service'], known):
-            found['services'][text] = None
-
-
-def _topics(node, known):
-    if isinstance(node, ast.Name) and node.id in known:
-        node = known[node.id]
-    for part in ast.walk(node):
-        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and (
-                part.value.id == 'topics'):
-            topic = getattr(topics, part.attr, None)
-            if isinstance(topic, topics.Topic):
-                yield topic
-
-
-def _texts(node, known):
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        yield node.value
-    elif isinstance(node, ast.JoinedStr):  # '~/' and a name
-        for text in _texts(node.values[-1].value, known):
-            yield node.values[0].value + text
-    elif isinstance(node, ast.Attribute):  # the name of a function
-        yield from _texts(node.value, known)
-    elif isinstance(node, ast.Name) and isinstance(known.get(node.id), ast.Tuple):
-        for row in known[node.id].elts:
-            first = row.elts[0] if isinstance(row, ast.Tuple) else row
-            if isinstance(first, ast.Attribute):
-                yield first.attr
-            elif isinstance(first, ast.Constant) and isinstance(first.value, str):
-                yield first.value
+    every = json.loads((Path(__file__).parent / 'endpoints.json').read_text(encoding='utf-8'))
+    known = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Topic)}
+    found = every.get(name, {'takes': [], 'gives': [], 'services': []})
+    return {kind: ends if kind == 'services' else [known[end] for end in ends]
+            for kind, ends in found.items()}

@@ -21,6 +21,7 @@ parameters, topics and services. Descriptions of topics and services are in `TOP
 here. A test checks that the pages in the repository are up to date.
 """
 
+import json
 import os
 import re
 import sys
@@ -201,11 +202,15 @@ def _type_of(endpoint):
 
 
 def pages(found):
-    """Text of each page by its path below docs, dict of str to str."""
+    """Text of each page, and of the list for ``--help``, by its path from docs, dict of str."""
     from telescope_mount.graph import MEASURED, NIGHT, REAL
     out = {f'nodes/{name}.md': node_page(name, entry) for name, entry in found.items()}
     out['nodes/index.md'] = index_page(found)
     out['topics.md'] = topics_page(found)
+    out['../msg_tools/endpoints.json'] = json.dumps(
+        {name: {'takes': sorted(entry['subscribes']), 'gives': sorted(entry['publishes']),
+                'services': sorted(entry['services'])} for name, entry in found.items()},
+        indent=1) + '\n'
     out['pictures/graph_night.svg'] = picture(found, NIGHT, 'The graph of a simulated night')
     out['pictures/graph_real.svg'] = picture(found, REAL, 'The graph of a real mount', drivers=True)
     out['pictures/graph_measured.svg'] = picture(
