@@ -56,10 +56,10 @@ _CONVENTION_ON_SKY = (
 )
 
 
-def _coefficient(name, value, sigma, undetermined):
+def coefficient_row(name, value, sigma, undetermined):
     """Document entry of a term or harmonic coefficient; value and sigma in radians."""
     row = {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': sigma / ARCSEC}
-    return {**row, 'sigma_arcsec': None, 'undetermined': True} if name in undetermined else row
+    return {**row, 'sigma_arcsec': None, 'undetermined': True} if undetermined else row
 
 
 def to_json(model):
@@ -81,7 +81,7 @@ def to_json(model):
         'convention': _CONVENTION,
         **_mount_document(model.mount),
         'geometry': model.geometry,
-        'terms': [_coefficient(name, value, float(sigma), model.undetermined)
+        'terms': [coefficient_row(name, value, float(sigma), name in model.undetermined)
                   for (name, value), sigma in zip(model.terms.items(), model.sigmas)],
         'covariance_arcsec2': (model.covariance / ARCSEC**2).tolist(),
         'harmonics': None if h is None else {
@@ -91,7 +91,7 @@ def to_json(model):
             'covariance_arcsec2': (h.covariance / ARCSEC**2).tolist(),
             # the same for people, by the names of paper 000
             'degree': h.degree,
-            _NAMED: [_coefficient(name, *of, model.undetermined_harmonics)
+            _NAMED: [coefficient_row(name, *of, name in model.undetermined_harmonics)
                      for name, of in h.coefficients.items()],
         },
         'provenance': model.provenance,

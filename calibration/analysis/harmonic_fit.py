@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
 from pointing_model.harmonics import DEGREE, INTERPRETATIONS, count_of
+from pointing_model.model_document import coefficient_row
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.rms import rms_arcsec
 from pointing_model.zero import PowerOnZero, is_for_zero
@@ -38,6 +38,9 @@ CHOICES = (NONE, *INTERPRETATIONS)
 READ_AS = {'zenith': 'E read as zenith distance', 'printed': 'E read as printed'}
 FOLDS = 10
 BY_PARAMETER = 'parameter'  # or by cross-validation
+#: parameter of a calibration -> field of `HarmonicChoice`
+_PARAMETERS = {'harmonics': 'reading', 'harmonics_alone': 'alone', 'harmonics_degree': 'degree',
+               'harmonics_rcond': 'rcond'}
 #: part of the RMS by which another choice must be better to be reported
 _NAMED = 0.01
 
@@ -84,9 +87,7 @@ class HarmonicChoice:
 
     def parameters(self):
         """The choice as parameters of a calibration; empty for none."""
-        return {} if not self else {'harmonics': self.reading, 'harmonics_alone': self.alone,
-                                    'harmonics_degree': self.degree,
-                                    'harmonics_rcond': self.rcond}
+        return {} if not self else {name: getattr(self, of) for name, of in _PARAMETERS.items()}
 
     def base(self, degree=None):
         """Name of the model as the base of a diagnosis; by default with the highest degree."""
@@ -110,10 +111,8 @@ def choice_of(parameters):
         ``harmonics``, ``harmonics_alone``, ``harmonics_degree`` and ``harmonics_rcond``, or some
         of them.
     """
-    return HarmonicChoice(parameters.get('harmonics', NONE),
-                          parameters.get('harmonics_alone', False),
-                          parameters.get('harmonics_degree', 0),
-                          parameters.get('harmonics_rcond', RCOND_HARMONICS))
+    return HarmonicChoice(**{
+        of: parameters[name] for name, of in _PARAMETERS.items() if name in parameters})
 
 
 def choice_of_report(report):
@@ -323,11 +322,9 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
     return fitted, {
         'harmonics': choice.reading, 'alone': choice.alone, 'degree': degree,
         'degree_by': BY_PARAMETER if choice.degree else 'cross-validation', 'label': label,
-        'coefficients': [{'name': name, 'value_arcsec': value / ARCSEC,
-                          **({'sigma_arcsec': sigma / ARCSEC}
-                             if name not in fitted.model.undetermined_harmonics else
-                             {'sigma_arcsec': None, 'undetermined': True})}
-                         for name, (value, sigma) in series.coefficients.items()],
+        'coefficients': [
+            coefficient_row(name, *both, name in fitted.model.undetermined_harmonics)
+            for name, both in series.coefficients.items()],
         'fitted': fitted.rms_arcsec(rejected=False)._asdict(),
         'rcond': choice.rcond, 'rank': fitted.rank, 'condition': fitted.condition,
         'rejected': len(fitted.rejected), 'cross_validation': tried,
@@ -336,7 +333,5 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
 
 def rows_of_terms(model):
     """Rows like those of `FitResult.term_rows`, of a PointingModel."""
-    return [{'name': name, 'value_arcsec': value / ARCSEC,
-             **({'sigma_arcsec': float(s) / ARCSEC} if np.isfinite(s) else
-                {'sigma_arcsec': None, 'undetermined': True})}
-            for (name, value), s in zip(model.terms.items(), model.sigmas)]
+    return [coefficient_row(name, value, float(sigma), not np.isfinite(sigma))
+            for (name, value), sigma in zip(model.terms.items(), model.sigmas)]

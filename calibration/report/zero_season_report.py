@@ -50,15 +50,18 @@ def zero_season(power_ons, expected=None):
     season = season_from_rows(power_ons[:-1])
     tonight = None
     if expected and power_ons:
-        measured = power_ons[-1]
-        tonight = {'run': measured['run'], **{
-            axis: {'expected_arcsec': expected[axis]['zero_arcsec'],
-                   'sigma_arcsec': expected[axis]['sigma_arcsec'],
-                   'measured_arcsec': measured['zero_arcsec'][k],
-                   'measured_sigma_arcsec': measured['sigma_arcsec'][k],
-                   'by': expected[axis]['by'], 'missing': expected[axis]['missing']}
-            for k, axis in enumerate(AXES)}}
+        tonight = {'run': power_ons[-1]['run'], **expected_zero(expected, power_ons[-1])}
     return {'power_ons': power_ons, 'causes': worded(zero_causes(season)), 'tonight': tonight}
+
+
+def expected_zero(expected, measured=None):
+    """``tonight`` of `zero_season`; `measured`: the row of its power-on, if it has a zero."""
+    return {axis: {'expected_arcsec': expected[axis]['zero_arcsec'],
+                   'sigma_arcsec': expected[axis]['sigma_arcsec'],
+                   'measured_arcsec': measured and measured['zero_arcsec'][k],
+                   'measured_sigma_arcsec': measured and measured['sigma_arcsec'][k],
+                   'by': expected[axis]['by'], 'missing': expected[axis]['missing']}
+            for k, axis in enumerate(AXES)}
 
 
 def season_table(document):

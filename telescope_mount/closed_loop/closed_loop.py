@@ -40,6 +40,11 @@ VERSION = 1
 ALL = 'loop_*'
 #: number of fitted stars, and of new stars in each check; one row in this many of a run is held out
 FITTED, CHECKED, CHECK_EVERY = 90, 30, 4
+#: keys of a diagnosis that the report has, too
+_FROM_DIAGNOSIS = (
+    'verdict', 'effects', 'applied', 'published', 'refused', 'judgement', 'noise_floor_arcsec',
+    'before', 'after', 'kept_out', 'expected', 'rows_read', 'rows_used', 'outliers',
+    'rms_with_outliers_arcsec', 'notes')
 #: steps of the run player, in the form of a plan
 _MEASURED_PLAN = 'fit, diagnose'
 
@@ -236,20 +241,12 @@ def _write(folder, about, latest):
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     report = {
         'format': FORMAT, 'version': VERSION, **about, **run.mount.entries(),
-        'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
-        'applied': diagnosis['applied'], 'published': diagnosis['published'],
-        'refused': diagnosis['refused'], 'judgement': diagnosis['judgement'],
-        'judged': diagnosis.get('judged'), 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
-        'before': diagnosis['before'], 'after': diagnosis['after'],
-        'kept_out': diagnosis['kept_out'],
-        **{key: diagnosis[key] for key in ('expected', 'rows_read', 'rows_used', 'outliers',
-                                           'rms_with_outliers_arcsec')},
+        **{key: diagnosis[key] for key in _FROM_DIAGNOSIS}, 'judged': diagnosis.get('judged'),
         'blind_before': checks[0] if checks else None,
         'blind_after': checks[-1] if len(checks) > 1 else None,
         'follows': list(diagnosis.get(FOLLOWS, {})),
         'alarms': json.loads(
             latest[topics.CALIBRATION_REPORT.name].data)['witnesses']['alarms'],
-        'notes': diagnosis['notes'],
     }
     report['paired'] = paired(report)
     model = PointingModel.from_json(latest[topics.MODEL.name].data)

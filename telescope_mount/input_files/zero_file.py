@@ -33,9 +33,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.zero.zero_causes import AXES, Season, zero_causes
+from calibration.analysis.zero.zero_causes import Season, zero_causes
 from calibration.report.row_wording import listed
 from calibration.report.wording import worded
+from calibration.report.zero_season_report import expected_zero
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.row_checks import fill_rows
@@ -223,9 +224,5 @@ def zero_file_causes(path):
     found = worded(zero_causes(season, tonight))
     if found['p'] is None:
         raise ValueError('; '.join([f'{path}: {found["text"]}', *notes]))
-    expected = found['tonight']
-    return {'causes': found, 'notes': notes, 'tonight': expected and {axis: {
-        'expected_arcsec': expected[axis]['zero_arcsec'],
-        'sigma_arcsec': expected[axis]['sigma_arcsec'], 'measured_arcsec': None,
-        'measured_sigma_arcsec': None, 'by': expected[axis]['by'],
-        'missing': expected[axis]['missing']} for axis in AXES}}
+    return {'causes': found, 'notes': notes,
+            'tonight': found['tonight'] and expected_zero(found['tonight'])}

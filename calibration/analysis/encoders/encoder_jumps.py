@@ -132,33 +132,33 @@ def difference_events(night, axis, budget, slow=()):
         return [], []
     y = night.difference[axis]
 
+    def is_one_by_places(best, design):
+        fitted = design.beside(candidates.column(best.place))
+        left, column = map(night.by_place, (robust_fit(fitted, y).residual, fitted.common[-1]))
+        column = column[night.run[night.begins] == candidates.labels[best.place][0]]
+        sigma = max(float(sigma_of(left)), LEAST) / np.sqrt(np.square(column - column.mean()).sum())
+        chance = two_sided(best.amount / sigma, max(len(left) - len(fitted), 1))
+        return chance * len(candidates) < budget.false_alarm / 2.0
+
+    found, lead, instead = _jumps(
+        design, y, candidates, slow, budget, night.run, _MOST, is_one_by_places)
+    return [DifferenceEvent(
+        axis, *candidates.labels[best.place], candidates.column(best.place), best.amount,
+        best.sigma, best.probability * 2.0, lead=lead) for best in found], instead
+
+
+def _jumps(design, y, candidates, slow, budget, run, most, is_one=lambda best, design: True):
+    """`jumps_or_slow` of candidates that are detected one after another, as `Detection`."""
     def search(design):
         found = []
-        while len(found) < _MOST:
-            best = detect(design.beside(*(event.column for event in found)), y, candidates,
-                          budget.false_alarm / 2.0, night.run, LEAST)  # two axes
-            if best is None:
+        while len(found) < most:
+            beside = design.beside(*(candidates.column(one.place) for one in found))
+            best = detect(beside, y, candidates, budget.false_alarm / 2.0, run, LEAST)  # two axes
+            if best is None or not is_one(best, beside):
                 break
-            event = DifferenceEvent(
-                axis, *candidates.labels[best.place], candidates.column(best.place), best.amount,
-                best.sigma, best.probability * 2.0)
-            fitted = design.beside(*(one.column for one in (*found, event)))
-            chance = _chance_by_places(night, event, robust_fit(fitted, y).residual, len(fitted))
-            if chance * len(candidates) >= budget.false_alarm / 2.0:
-                break
-            found.append(event)
+            found.append(best)
         return found
-
-    found, lead, instead = jumps_or_slow(search, slow, design, y, night.run, lambda one: one.column)
-    return [event._replace(lead=lead) for event in found], instead
-
-
-def _chance_by_places(night, event, residual, fitted):
-    """P-value of an event where exposures of one place in a row count once."""
-    left, column = night.by_place(residual), night.by_place(event.column)
-    column = column[night.run[night.begins] == event.run]
-    sigma = max(float(sigma_of(left)), LEAST) / np.sqrt(np.square(column - column.mean()).sum())
-    return float(two_sided(event.amount / sigma, max(len(left) - fitted, 1)))
+    return jumps_or_slow(search, slow, design, y, run, candidates)
 
 
 def encoder_events(night, sky, events, budget, slow=((), ())):
@@ -263,24 +263,10 @@ def _sky_events(night, sky, found, budget, slow):
     for axis in (0, 1):
         on_sky = candidates.on_axis(axis, night.cos_el)
         known = sky.design.beside(*(night.on_sky(*one) for one in found))
-
-        def search(design, axis=axis, on_sky=on_sky):
-            own = []
-            while len(own) < _MOST_SKY:
-                best = detect(design.beside(*(night.on_sky(axis, candidates.column(one.place))
-                                              for one in own)),
-                              sky.incremental, on_sky, budget.false_alarm / 2.0, night.run, LEAST)
-                if best is None:
-                    break
-                own.append(best)
-            return own
-
         shown = [change._replace(columns=np.stack(
             [night.on_sky(axis, one) for one in change.columns])) for change in slow[axis]]
-        own, lead, instead = jumps_or_slow(
-            search, shown, known, sky.incremental, night.run,
-            lambda one, axis=axis: night.on_sky(axis, candidates.column(one.place)),
-            lambda one: candidates.labels[one.place][1])
+        own, lead, instead = _jumps(
+            known, sky.incremental, on_sky, shown, budget, night.run, _MOST_SKY)
         better += [(axis, change) for change in instead]
         for best in own:
             run, kind, time = candidates.labels[best.place]

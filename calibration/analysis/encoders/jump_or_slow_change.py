@@ -123,7 +123,7 @@ def lead_over(slow, design, y, run, jumps, numbers):
     return float(min(against) - own), slow[int(np.argmin(against))]
 
 
-def jumps_or_slow(search, slow, design, y, run, column, kind=lambda one: one.kind):
+def jumps_or_slow(search, slow, design, y, run, candidates):
     """Jumps and drifts found by a search that are far more likely than any slow change.
 
     If a slow change is as likely, it is added to the design, and the search is repeated.
@@ -131,11 +131,11 @@ def jumps_or_slow(search, slow, design, y, run, column, kind=lambda one: one.kin
     Parameters
     ----------
     search : callable
-        Design -> list of jumps and drifts.
+        Design -> list of jumps and drifts, `step_scan.Detection`.
     slow, design, y, run
         See `lead_over`.
-    column, kind : callable
-        Return the column (for the values of `y`) and the kind (key of `NUMBERS`) of an event.
+    candidates : LocalColumns
+        For the values of `y`, labelled (run, kind, time); kind is a key of `NUMBERS`.
 
     Returns
     -------
@@ -148,11 +148,12 @@ def jumps_or_slow(search, slow, design, y, run, column, kind=lambda one: one.kin
         found = search(design)
         if not found:
             break
-        kinds = [kind(one) for one in found]
+        kinds = [candidates.labels[one.place][1] for one in found]
         # a drift is a slow change itself: do not compare it with a drifting zero
         rivals = [one for one in slow if one.kind != 'zero drifts slowly' or 'step' in kinds]
-        lead, best = lead_over(rivals, design, y, run, [column(one) for one in found],
-                               sum(NUMBERS[one] for one in kinds))
+        lead, best = lead_over(
+            rivals, design, y, run, [candidates.column(one.place) for one in found],
+            sum(NUMBERS[one] for one in kinds))
         if lead >= (LEAD if 'step' in kinds else 0.0):
             return found, lead, instead
         instead.append(best)

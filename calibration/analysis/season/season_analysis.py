@@ -239,8 +239,6 @@ def _timed(run):
     return run.select(first[np.isfinite(time)])
 
 
-
-
 _KINDS = {'step': 'season step', 'declared': 'season declared', 'year': 'season year',
           'trend': 'season trend', 'column': 'season column'}
 

@@ -166,12 +166,10 @@ def _noise_of_stars(fit):
     Where neighbours in time are alike by more than chance (von Neumann's ratio), it is the scatter
     of their differences.
     """
-    used, out = fit.weights > 0.0, []
-    for scatter, residual in zip(fit.scatter, (fit.residual_x[used], fit.residual_y[used])):
-        share = np.mean(np.square(np.diff(residual))) / (2.0 * np.mean(np.square(residual)))
-        alike = share < 1.0 - _BY_CHANCE / np.sqrt(len(residual))
-        out.append(float(scatter * np.sqrt(share)) if alike else float(scatter))
-    return tuple(out)
+    left = np.array([fit.residual_x, fit.residual_y])[:, fit.weights > 0.0]
+    share = np.mean(np.square(np.diff(left)), axis=1) / (2.0 * np.mean(np.square(left), axis=1))
+    share[share > 1.0 - _BY_CHANCE / np.sqrt(left.shape[1])] = 1.0
+    return tuple((fit.scatter * np.sqrt(share)).tolist())
 
 
 def _complete(run):

@@ -95,7 +95,8 @@ class TrackedNight:
         self._began, self.zero, self._first_zero = _rounded(stamp * 1e-9), zero, zero
         self._rates = rates or model.provenance.get(RATES)
         noise = noise or _noise_of(model)
-        self._ratios = _ratios_of(self._evening)
+        # factors of given sigmas, as found in the fit of the model
+        self._ratios = _pair(self._evening.provenance.get('sigma_ratios'), 1.0)
         self._noise, self._difference, self._lean = tuple(noise), difference, lean
         self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
@@ -425,19 +426,15 @@ def _level(read):
 
 def _noise_of(model):
     left = model.provenance.get('fitted_rms_arcsec')
-    try:
-        noise = float(left['x']) * ARCSEC, float(left['y']) * ARCSEC
-    except (TypeError, KeyError, ValueError):
-        return NOISE, NOISE
-    return noise if min(noise) > 0.0 and np.isfinite(noise).all() else (NOISE, NOISE)
+    left = left if isinstance(left, dict) else {}
+    return tuple(one * ARCSEC for one in _pair((left.get('x'), left.get('y')), NOISE / ARCSEC))
 
 
-def _ratios_of(model):
-    """Factors of given sigmas of x and y, as found in the fit of the model."""
-    ratios = model.provenance.get('sigma_ratios')
+def _pair(values, otherwise):
+    """Two positive numbers of x and y; `otherwise` for both if `values` are not that."""
     try:
-        ratios = tuple(map(float, ratios))
+        pair = tuple(map(float, values))
     except (TypeError, ValueError):
-        return 1.0, 1.0
-    good = len(ratios) == 2 and np.isfinite(ratios).all() and min(ratios) > 0.0
-    return ratios if good else (1.0, 1.0)
+        pair = ()
+    good = len(pair) == 2 and np.isfinite(pair).all() and min(pair) > 0.0
+    return pair if good else (otherwise, otherwise)
