@@ -247,17 +247,19 @@ def _settle_origin(given, meta, altazimuth):
     meta['azimuth_origin'] = given or declared or 'N'
     if not altazimuth:
         meta['azimuth_origin'] = 'N'
+        meta['notes'] += [f'azimuth origin {given} changes nothing: this mount has no azimuth'] * (
+            given is not None)
         return
     if declared and given and declared != given:
         meta['notes'].append(f'azimuth 0 read as {given}, although the file declares '
                              f'{declared}')
-    elif meta['format'] == 'tpoint' and not (declared or given or west):
-        meta['notes'].append('azimuth read from north through east: the file does not say')
-    elif meta['format'] == 'tpoint':
+    elif declared or given or west:
         meta['notes'].append(
             'azimuth read from ' + {'N': 'north', 'S': 'south'}[meta['azimuth_origin']]
             + f' through {"west" if west else "east"}, as '
             + ('the file says' if declared or west else 'requested'))
+    elif meta['format'] == 'tpoint':
+        meta['notes'].append('azimuth read from north through east: the file does not say')
 
 
 def _settle_equinox(path, table, given):

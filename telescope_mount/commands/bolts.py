@@ -121,6 +121,8 @@ def model_of(args):
     if is_ours(args.file):
         model = read_model(args.file).model
         options.check_mount(args, args.file, model.mount)
+        options.refuse(args, 'applies to runs; leave it out with a model', encoder='enc',
+                       azimuth_origin=None, equinox='auto')
         return model, [], None
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.wording import wording

@@ -134,7 +134,9 @@ SHARED = {
     'reference': {'type': model_path, 'metavar': 'MODEL'},
     'encoder': {'choices': ('enc', 'abs'), 'default': 'enc',
                 'help': 'which pair of encoder columns (default: enc)'},
-    'azimuth-origin': {'choices': ('N', 'S'), 'help': 'where azimuth 0 is in a TPOINT file'},
+    'azimuth-origin': {'choices': ('N', 'S'), 'help': 'where azimuth 0 is; '
+                       'both count through east (90 deg), as TPOINT does (default: as the file '
+                       'says, else N)'},
     'exclude': {'action': 'append', 'default': [], 'metavar': 'ROWS',
                 'help': 'rows to leave out: numbers as they are printed (30), ranges (45-48), '
                 'conditions (el<20, star=HIP 5447), with commas or again'},

@@ -252,6 +252,11 @@ def test_azimuth_from_south(read):
     assert wrap(run['az'] - np.array([90, 180]) * DEG) == pytest.approx([0, 0], abs=1e-12)
     assert run.offsets()[0] == pytest.approx(-0.1 * DEG * np.cos(run['el']))
     assert run['az_rate'] == pytest.approx([-5 * ARCSEC] * 2)
+    # azimuths from the south through west would be mirrored without a word
+    assert 'azimuth read from south through east, as requested' in run.meta['notes']
+    turned = read('ha_deg,dec_deg,ha_enc_deg,dec_enc_deg\n10,20,10,20\n30,40,30,40\n',
+                  azimuth_origin='S', mount='equatorial', site={'latitude': 0.5})
+    assert 'azimuth origin S changes nothing: this mount has no azimuth' in turned.meta['notes']
     assert read(text)['az'][0] == pytest.approx(90 * DEG)
     with pytest.raises(ValueError, match='neither N nor S'):
         read(text, azimuth_origin='E')
