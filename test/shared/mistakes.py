@@ -232,7 +232,7 @@ MISTAKES = [
     ('a format of one table', 'export run.csv out.csv --format parquet', '--topics'),
     ('stars of a measured run', 'close-the-loop run.csv --out n --stars 20',
      '--stars applies to simulated nights'),
-    ('an encoder of a model', 'bolts model.json --encoder abs', '--encoder applies to runs'),
+    ('an encoder of a model', 'bolts good.json --encoder abs', '--encoder applies to runs'),
     ('stars beside a plan', 'observe --out n --stars 20 --plan fit', '--stars', '--plan'),
     ('a table over a folder', 'export run.csv used', 'it is a folder; name a file'),
     ('a run over itself', 'export run.csv run.csv', 'is the input run itself'),
