@@ -24,7 +24,7 @@ from .wording import worded
 from .zero_wording import COVARIATES
 
 #: entry of a power-on -> its column in the CSV, for each axis
-_COLUMNS = {'zero_arcsec': 'zero_{}_arcsec', 'sigma_arcsec': 'sigma_{}_arcsec',
+COLUMNS = {'zero_arcsec': 'zero_{}_arcsec', 'sigma_arcsec': 'sigma_{}_arcsec',
             'temperature': 'temperature_{}_c', 'supply': 'supply_{}_v', 'hours': 'since_{}_h',
             'side': 'side_{}'}
 
@@ -134,8 +134,8 @@ def write_season(power_ons, path):
     """A CSV with a row for each power-on; an empty cell is unknown."""
     with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as file:
         write_rows(file, [
-            ['run', 'time', *(pattern.format(axis) for pattern in _COLUMNS.values()
+            ['run', 'time', *(pattern.format(axis) for pattern in COLUMNS.values()
                               for axis in ('az', 'el'))],
             *([row['run'], row['time'], *('' if value is None else value
-                                          for name in _COLUMNS for value in row[name])]
+                                          for name in COLUMNS for value in row[name])]
               for row in power_ons)])

@@ -33,19 +33,17 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.zero.zero_causes import Season, zero_causes
+from calibration.analysis.zero.zero_causes import COVARIATES, Season, zero_causes
+from calibration.analysis.zero.zero_season import SIDES
 from calibration.report.row_wording import listed
 from calibration.report.wording import worded
-from calibration.report.zero_season_report import expected_zero
+from calibration.report.zero_season_report import COLUMNS, expected_zero
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.runs.columns.cells import Cells
 from pointing_model.runs.columns.row_checks import fill_rows
 from pointing_model.runs.columns.run_table import read_lines
 
-_COLUMNS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
-            'side': 'side{}'}
-_SIDES = {'below': 1.0, 'above': -1.0}
-_SHORT = ('_az', '_el')
+_SHORT = ('az', 'el')
 _LARGEST = 1e50  # largest measured value: sums of squares stay finite
 _LEAST = 0.1  # arcsec: zeros by stars differ by more
 _NEEDED = 'zero_az_arcsec and zero_el_arcsec'
@@ -83,13 +81,14 @@ def read_zeros(path):
     if not len(cells):
         raise ValueError(f'{path} has a header and no row: write a row for each power-on')
     notes = _unknown_columns(path, cells.header)
-    zeros, sigmas = _pair(cells, 'zero{}_arcsec'), _pair(cells, 'sigma{}_arcsec')
-    covariates = {name: _pair(cells, pattern, _SIDES if name == 'side' else {})
-               for name, pattern in _COLUMNS.items()}
+    numbers = {name: _pair(cells, pattern, SIDES if name == 'side' else {})
+               for name, pattern in COLUMNS.items()}
+    zeros, sigmas = numbers['zero_arcsec'], numbers['sigma_arcsec']
     time, run = _time(cells), _column(cells, 'run')
-    notes += _without_fills(cells, path, zeros, covariates)
+    notes += _without_fills(cells, path, numbers)
+    covariates = {name: numbers[name] for name in COVARIATES}
     for k, axis in enumerate(_SHORT):
-        cells.exclude(sigmas[:, k] <= 0.0, f'sigma{axis}_arcsec is not positive')
+        cells.exclude(sigmas[:, k] <= 0.0, f'sigma_{axis}_arcsec is not positive')
     _leave_out_copies(cells, np.column_stack([time * 1e3, zeros * 1e6]))
     kept = cells.reasons == 0
     notes += _left_out(path, cells.lines, cells.reasons)
@@ -117,12 +116,12 @@ def read_zeros(path):
     return season.select(there == 2), tonight, notes + _left_out(path, lines, reasons)
 
 
-def _without_fills(cells, path, zeros, covariates):
+def _without_fills(cells, path, numbers):
     """Set fill values to NaN; notes on them, and on zeros that hardly differ."""
-    notes = []
-    for name, values in [('zero{}_arcsec', zeros), *zip(_COLUMNS.values(), covariates.values())]:
+    notes, zeros = [], numbers['zero_arcsec']
+    for name, values in numbers.items():
         for axis, column in zip(_SHORT, values.T):
-            rows, text = fill_rows(_named(cells, name, axis), column)
+            rows, text = fill_rows(_named(cells, COLUMNS[name], axis), column)
             if rows.any():
                 column[rows] = np.nan
                 notes.append(f'{path}: {text} in {rows.sum()} of {len(rows)} rows: not measured')
@@ -165,7 +164,7 @@ def _pair(cells, pattern, words=None):
 def _named(cells, pattern, axis):
     """Name of the column of an axis: its own, or the common one."""
     name = pattern.format(axis)
-    return name if name in cells.header else pattern.format('')
+    return name if name in cells.header else pattern.replace('_{}', '')
 
 
 def _column(cells, name, words=None):
@@ -186,8 +185,8 @@ def _time(cells):
 
 def _unknown_columns(path, names):
     """Notes on unknown columns: a misspelt covariate would go unnoticed."""
-    known = ['time', 'run', *(pattern.format(axis) for pattern in (
-        'zero{}_arcsec', 'sigma{}_arcsec', *_COLUMNS.values()) for axis in ('', *_SHORT))]
+    known = ['time', 'run', *(name for pattern in COLUMNS.values() for name in (
+        pattern.replace('_{}', ''), *map(pattern.format, _SHORT)))]
     notes, others = [], []
     for name in (name for name in names if name not in known):
         near = difflib.get_close_matches(name.lower(), known, 1, 0.75)

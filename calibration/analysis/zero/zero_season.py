@@ -24,7 +24,7 @@ from pointing_model.zero import is_marked
 from .power_on_zeros import zero_from_exposures
 from .zero_causes import AXES, COVARIATES, Season, zero_causes
 
-_SIDES = {'below': 1.0, 'above': -1.0}
+SIDES = {'below': 1.0, 'above': -1.0}
 
 
 class SeasonLog:
@@ -159,7 +159,7 @@ def power_on_covariates(marks, rows):
     warmth = both(lambda mark: mark.temperature)
     return {'temperature': warmth if np.isfinite(warmth).all() else (air, air),
             'supply': both(lambda mark: mark.supply),
-            'side': both(lambda mark: _SIDES.get(mark.side, np.nan))}
+            'side': both(lambda mark: SIDES.get(mark.side, np.nan))}
 
 
 def season_rows(season):
