@@ -213,7 +213,7 @@ def refine(problem, choice):
     Otherwise the residual of a large effect at a slightly wrong place looks like another effect.
     """
     for i, one in enumerate(choice.chosen):
-        if not one.plain or one.effect(problem).share != 'scans':
+        if not one.plain or one.effect(problem).share == 'dictionary':
             continue
         fit = problem.fit(choice.chosen, choice.fit.weights, without=i)
         gain = problem.dictionary.score(fit, [one.group]).delta_bic[one.group]

@@ -52,6 +52,18 @@ def moving(of, names):
     }[of]
 
 
+def _short(what):
+    """Beginning of the name of an effect on what `moving` names."""
+    return what.partition(' of the ')[0].replace(' ', '_')
+
+
+def _terms(of, mount):
+    """Names of the terms that move on a mount, and their columns times a factor."""
+    names = tuple(map(KINDS[mount].named, ('AN', 'AW') if of == 'tilt' else (of,)))
+    terms = [terms_of(mount)[name] for name in names]
+    return names, lambda c, u: [(x * u, y * u) for x, y in (one.of(c.trig) for one in terms)]
+
+
 SYMBOLS = {'time': 't', 'temperature': 'T', 'order': 'n', 'run_hours': '(t - start of the run)'}
 UNITS = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}
 _EACH = {'time': 'an hour', 'run_hours': 'an hour in each run', 'temperature': 'a degree',
@@ -66,13 +78,11 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL)
     `of`: name of the term on an alt-azimuth mount.
     """
     what, axes, words = moving(of, KINDS[mount])
-    terms = terms_of(mount)
-    names = tuple(map(KINDS[mount].named, ('AN', 'AW') if of == 'tilt' else (of,)))
+    names, factors = _terms(of, mount)
     square = power == 2
 
     def columns(c):
-        u = progress(c, driver, origin, scale, within) ** power
-        return [(x * u, y * u) for x, y in (terms[n].of(c.trig) for n in names)]
+        return factors(c, progress(c, driver, origin, scale, within) ** power)
 
     def wording(amount):
         range_ = None if amount.span is None else amount.span[1] - amount.span[0]
@@ -93,8 +103,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL)
         return text
 
     # source: paper 000, drift of the zero
-    return Effect(f'{what.partition(" of the ")[0].replace(" ", "_")}_with_{driver}'
-                  + ('_squared' if square else ''),
+    return Effect(f'{_short(what)}_with_{driver}' + ('_squared' if square else ''),
                   f'{what} moves with {driver_word(driver)}'
                   + (', quadratically' if square else ''),
                   f'{", ".join(names)} x {SYMBOLS.get(driver, driver)}' + ('^2' if square else ''),
@@ -105,29 +114,44 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL)
                   requires=(driver,))
 
 
+#: term, or axis of a zero, that may step: why it does, what to look at
+_STEPS = {
+    **dict.fromkeys(AXES, (
+        'lost counts, a slip, a reference mark found anew',
+        'what happened then: a power-on, a slew at full speed, a bump; the coupling of the '
+        'encoder, and its reference mark')),
+    'CA': ('mirror, camera or focuser moved',
+           'what happened then: a change of camera or focus, a blow; mirror cell, focuser'),
+    'tilt': ('the pier, tripod or base moved',
+             'what happened then: someone at the pier or tripod, a foot that sank, bolts')}
+STEPPING = tuple(_STEPS)
+#: largest number of places tried, of a zero and of another term
+_MOST_STEPS = 32, 12
+
+
 @form
 def _step(axis, at, driver='time', mount=USUAL):
-    """A step of the zero where the driver passes `at`."""
-    names = KINDS[mount]
+    """A step of the zero of an axis, or of another of `MOVING`, where the driver passes `at`."""
+    what, axes, words = moving(_ZERO_TERM.get(axis, axis), KINDS[mount])
+    names, factors = _terms(_ZERO_TERM.get(axis, axis), mount)
+    why, look_at = _STEPS[axis]
+
+    def columns(c):
+        later = np.where(np.isnan(c.get(driver)), np.nan, 1.0 * (c.get(driver) >= at))
+        return factors(c, later)
 
     def wording(amount):
         when = f' at {amount.clock(at)}' if amount.clock and driver == 'time' else ''
-        return (f'The zero of the {names.shaft(axis)} jumped by '
-                f'{arcsec(amount.values[0], True)}{when}')
+        size = arcsec(amount.size if len(names) > 1 else amount.values[0], len(names) == 1)
+        return f'{words} jumped by {size}{when}'
 
     # source: paper 000, reference mark
-    return Effect(f'{names.key(axis)}_zero_step',
-                  f'{names.word(axis)} zero jumps once: lost counts, a slip, '
-                  'a reference mark found anew',
-                  f'{names.named(_ZERO_TERM[axis])} x H({driver} - tau)',
-                  driver, axis, ('step',),
-                  lambda c: [on_axis(axis, np.where(np.isnan(c.get(driver)), np.nan,
-                                                    1.0 * (c.get(driver) >= at)), c.trig.cos_el)],
-                  wording, 'what happened then: a power-on, a slew at full speed, a bump; the '
-                  'coupling of the encoder, and its reference mark', 'a jump, once',
-                  f'{names.word(axis)} zero jumped at once: lost counts, a slip, a reference mark '
-                  'found anew',
-                  requires=(driver,), scan=f'step_{axis}', searched=('at',), effort=0)
+    return Effect(f'{_short(what)}_step', f'{what} jumps once: {why}',
+                  f'{", ".join(names)} x H({driver} - tau)',
+                  driver, axes, ('step',) if len(names) == 1 else names, columns, wording,
+                  look_at, 'a jump, once', f'{what} jumped at once: {why}',
+                  requires=(driver,), scan=f'step_{axis}', searched=('at',), effort=0,
+                  share='dictionary' if axis in AXES else 'steps')
 
 
 @form
@@ -206,26 +230,29 @@ def propose(context, lacking, own):
                 else [])
 
 
-def steps(context, limit=32):
-    """Steps of either zero at the times between two rows (at most `limit` times).
+def steps(context, of=tuple(AXES)):
+    """Steps at times between two rows.
 
     Parameters
     ----------
     context : Context
-    limit : int
+    of : sequence of str
+        Axes of zeros, or other terms of `MOVING`.
 
     Returns
     -------
     list of Effect
-        Members of two scans, with at least three rows on each side. Empty for several runs
-        without times: the order of the rows means something else in each.
+        Members of a scan of each, with at least three rows on each side, six of terms that are no
+        zeros. Empty for several runs without times: the order of the rows means something else in
+        each.
     """
     driver, _ = clock(context)
     if driver == 'order' and several_runs(context):
         return []
-    between = even_sample(places_of_steps(context, driver), limit)
-    return for_mount([effect('step', axis=axis, at=float(t), driver=driver)
-                     for axis in AXES for t in between], context.mount)
+    between = places_of_steps(context, driver)
+    return for_mount([effect('step', axis=axis, at=float(t), driver=driver) for axis in of
+                      for t in (even_sample(between, _MOST_STEPS[0]) if axis in AXES else
+                                even_sample(between[3:-3], _MOST_STEPS[1]))], context.mount)
 
 
 def places_of_steps(context, driver):

@@ -23,7 +23,7 @@ from calibration.estimation.candidate_scores import CandidateBank
 from calibration.estimation.periodogram import PeriodBank
 from pointing_model.effects import changes, dictionary, effect, smooths, steps
 from pointing_model.effects.base import known
-from pointing_model.effects.drifts import places_of_steps
+from pointing_model.effects.drifts import STEPPING, places_of_steps
 
 from .period_scans import period_bank
 
@@ -133,7 +133,7 @@ def offer_effects(problem, context, base, curves=True):
         context, [t for t in names.physical if t not in base.terms], base.own)
     if base.own and set(names.index) <= set(base.own):
         effects = [e for e in effects if e.form != 'run_zero']
-    problem.dictionary = effect_bank(effects + steps(context), context)
+    problem.dictionary = effect_bank(effects + steps(context, STEPPING), context)
     problem.curves = effect_bank(smooths(context) if curves else [], context)
     problem.periods = period_bank(context) if curves else PeriodBank([])
     problem.variants = EffectVariants(context)

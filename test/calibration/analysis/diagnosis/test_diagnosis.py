@@ -115,12 +115,20 @@ def test_noise_that_grows_toward_the_horizon_is_no_effect():
     assert sum(v != 'none' for v in found) <= 1
 
 
+def late(c):
+    """9" in the later rows."""
+    return 9.0 * ARCSEC * (np.arange(len(c['az'])) >= 23)
+
+
 CASES = {
     'drift': (lambda c: (0.0, 12.0 * ARCSEC * (c['time'] - 1.7e9) / 3600.0),
               {'elevation_zero_with_time', 'elevation_zero_with_temperature',
                'flexure_with_time', 'elevation_zero_step'}),
     'step': (lambda c: (7.0 * ARCSEC * (np.arange(len(c['az'])) >= 23), 0.0),
              {'azimuth_zero_step'}),
+    'kicked pier': (lambda c: late(c) * np.array([
+        np.sin(c['az']) * np.tan(c['el']), np.cos(c['az'])]), {'tilt_step'}),
+    'loose camera': (lambda c: (late(c) / np.cos(c['el']), 0.0), {'collimation_step'}),
     'oval disc': (oval_disc, {'azimuth_encoder_2'}),
     'refraction': (lambda c: (0.0, -5.0 * ARCSEC / np.tan(c['el'] + 0.001)),
                    {'refraction', 'refraction_cube', 'elevation_encoder_2', 'second_flexure',
