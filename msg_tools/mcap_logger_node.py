@@ -23,7 +23,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from std_srvs.srv import SetBool
 
 from . import topics
 from .bag import BagWriter
@@ -255,12 +254,6 @@ class McapLogger(MountNode):
                            (bags.is_paused, False), (bags.split_bagfile, True),
                            (bags.snapshot, True)):
             self.serve(f'~/{call.__name__}', call, once)
-        self.create_service(SetBool, '~/set_paused', self._on_set_paused)
-
-    def _on_set_paused(self, request, response):
-        response.success, response.message = (
-            self._bags.pause() if request.data else self._bags.resume())
-        return response
 
     # --- provenance -------------------------------------------------------------------------
 

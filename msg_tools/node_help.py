@@ -32,18 +32,6 @@ _UNITS = (('_deg_s2', 'deg/s^2'), ('_deg_s', 'deg/s'), ('_arcsec_s', 'arcsec/s')
           ('_mb', 'MB'), ('_c', 'deg C'), ('_m', 'm'), ('_s', 's'))
 
 
-def wants_help(args):
-    """Whether a user asks for help: ``--help`` or ``-h`` before the ROS arguments.
-
-    Parameters
-    ----------
-    args : list of str
-        Command line without the name of the program.
-    """
-    own = args[:args.index('--ros-args')] if '--ros-args' in args else args
-    return '--help' in own or '-h' in own
-
-
 def node_help(node_class):
     """Help text of a node.
 

@@ -46,6 +46,8 @@ LETS_GO = 12.0
 TURN = 4.0
 #: folder of the queues of Fast DDS
 FOLDER = '/dev/shm'
+#: what to do about words that a node does not take
+USAGE = 'write --ros-args -p PARAMETER:=VALUE --params-file FILE'
 
 
 def run_node(make_node):
@@ -64,24 +66,18 @@ def run_node(make_node):
         Exit code: 0 after a clean end, 1 if a file of the node is incomplete, 2 for invalid input.
     """
     if isinstance(make_node, type):
-        if {'-h', '--help'} & set(sys.argv[1:]):
-            from .node_help import node_help, wants_help
-            if wants_help(sys.argv[1:]):
-                print(node_help(make_node), end='')
-                return 0
-        if wrong := _ignored_words():
-            return _error(f'{wrong}; write --ros-args -p PARAMETER:=VALUE --params-file FILE')
+        try:
+            words = remove_ros_args()[1:]
+        except RuntimeError as err:
+            # only the first sentence of rcl's own text is for the user
+            return _error(f"{str(err).split(', at /')[0].strip('[]')}; {USAGE}")
+        if '-h' in words or '--help' in words:
+            from .node_help import node_help
+            print(node_help(make_node), end='')
+            return 0
+        if words:
+            return _error(f'{" ".join(words)} would be ignored; {USAGE}')
     return run_nodes([make_node])
-
-
-def _ignored_words():
-    """Why ROS would ignore or refuse words of the command line; '' if it takes all."""
-    try:
-        words = remove_ros_args()[1:]
-    except RuntimeError as err:
-        # only the first sentence of rcl's own text is for the user
-        return str(err).split(', at /')[0].strip('[]')
-    return f'{" ".join(words)} would be ignored' if words else ''
 
 
 def run_nodes(makers):

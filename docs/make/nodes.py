@@ -104,7 +104,6 @@ SERVICES = {
     'fit': 'fits a model to the rows so far and publishes it',
     'judge': 'judges the last change of the model on fresh stars',
     'diagnose': 'looks for what the model lacks, and publishes what holds',
-    '~/set_paused': 'stops or continues to record',
     '~/pause': 'pauses', '~/resume': 'goes on', '~/split_bagfile': 'begins a new file',
     '~/snapshot': 'writes what is kept in memory',
     '~/play_next': 'publishes one message', '~/burst': 'publishes `burst_count` messages',

@@ -61,8 +61,10 @@ def prefix_of(log):
     Raises
     ------
     ValueError
-        It has no observations, or those of several mounts.
+        It has no observations, those of several mounts, or the simulator's truth.
     """
+    if log.has_truth:
+        raise ValueError(f'{log.path} holds the truth of the simulator; give the log beside it')
     found = prefixes_of(log)
     if not found:
         raise ValueError(f'{log.path} has no topic observation; it is no log of a night')

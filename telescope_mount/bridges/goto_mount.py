@@ -84,7 +84,8 @@ class GotoMount:
     """Keeps a mount at a server ready, and its axes on the commanded track.
 
     Blocking work is done in its own thread; `step` is called often, by one thread. A protocol
-    implements `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
+    implements `open`, which returns at once, `shut`, and `find`, which may block and returns a
+    telescope ready to be pointed, or raises BridgeError. That has ``device``, ``has_axes``,
     ``believed``, ``doubt``, ``axes``, ``place``, ``tracks``, ``taken_up``, ``beyond``, ``side``,
     ``slewing``, ``parked``, ``takes_rates``, ``turn``, ``goto``, ``abort`` and ``prepare``, see
     `indi_telescope.IndiTelescope`.
@@ -115,18 +116,6 @@ class GotoMount:
         self._readings = deque(maxlen=10_000)
         self._lock, self._is_ready = threading.Lock(), threading.Event()
         self._reconnection = Reconnection(self._make_ready, self._not_ready, retry)
-
-    def open(self):
-        """Start to connect; returns immediately."""
-        raise NotImplementedError
-
-    def shut(self):
-        """End the connection."""
-        raise NotImplementedError
-
-    def find(self):
-        """The telescope, ready to be pointed; may block. BridgeError if there is none."""
-        raise NotImplementedError
 
     def start(self):
         """Begin; returns at once."""

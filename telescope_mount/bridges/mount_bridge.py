@@ -34,7 +34,7 @@ WAIT = 5.0
 
 
 class MountBridge(WorkerNode):
-    """Owns the connection; `goto_mount` does the computations. A protocol gives `make_driver`.
+    """Owns the connection; `goto_mount` does the computations. A protocol has `make_driver(mount)`.
 
     Parameters
     ----------
@@ -53,10 +53,6 @@ class MountBridge(WorkerNode):
         self.subscribe(topics.COMMAND, self._on_command)
         self.serve('home', self._home)
         self.every(0.02, self._tick)
-
-    def make_driver(self, mount):
-        """The driver for the parameters, a `goto_mount.GotoMount`."""
-        raise NotImplementedError
 
     def deactivated(self):
         """Stop the mount."""

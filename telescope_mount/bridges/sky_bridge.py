@@ -42,6 +42,8 @@ FIELD_PARAMS = (
 class SkyBridge(WorkerNode):
     """Publishes each exposure, NaN without a star; publishes nothing while it is inactive.
 
+    A protocol has `make_source(field)`, which returns a `star_field.SkySource`.
+
     Parameters
     ----------
     name, params, hardware_id, **kwargs
@@ -58,10 +60,6 @@ class SkyBridge(WorkerNode):
         self._without = 0
         self._pub = self.publisher(topics.MISS_DISTANCE)
         self.every(0.05, self._expose)
-
-    def make_source(self, field):
-        """The source for the parameters, a `star_field.SkySource`."""
-        raise NotImplementedError
 
     def activated(self):
         """Start exposures."""

@@ -118,7 +118,9 @@ class StarField:
 
 
 class SkySource:
-    """Finds its devices in its own thread.
+    """Finds its devices in its own thread, by `work`, which also exposes with a camera.
+
+    A protocol implements `work`; it raises BridgeError on failure.
 
     Parameters
     ----------
@@ -156,16 +158,6 @@ class SkySource:
         self.on = on
         self.exposures.clear()
         self._reconnection.wake()
-
-    def take_axes(self, second):
-        """Take the angle of the second axis, rad, for sources that do not receive it themselves."""
-
-    def lose(self):
-        """Called when the connection is lost."""
-
-    def work(self):
-        """Find the devices, and with a camera expose; BridgeError on failure."""
-        raise NotImplementedError
 
     def _failed(self, why):
         self.why = why

@@ -223,8 +223,6 @@ def run_of_log(path, satellites=False):
     from pointing_model.zero import NO_ZERO, is_for_zero, way_of
 
     bag = _log(path)
-    if bag.has_truth:
-        raise ValueError(f'{path} holds the truth of the simulator; fit the log beside it')
     parts, zeros, prefix = [], {}, prefix_of(bag)
     names = [f'{prefix}{topic.name}' for topic in (
         topics.OBSERVATION, topics.ZERO, topics.ZERO_IDENTITY)]

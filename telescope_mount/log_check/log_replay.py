@@ -73,8 +73,6 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
         A node ended or did not answer.
     """
     bag, progress = open_bag(log), progress or (lambda *_: None)
-    if bag.has_truth:
-        raise ValueError(f'{log} holds the truth of the simulator; replay the log beside it')
     prefix = prefix_of(bag)
     counts = Counter({t.name: t.count for t in bag.topics})
     observation = f'{prefix}{topics.OBSERVATION.name}'

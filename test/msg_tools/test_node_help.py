@@ -67,9 +67,3 @@ def test_what_a_live_node_has_is_told(graph):
                 if 'parameter' not in s.srv_name and 'type_description' not in s.srv_name}
     assert services == set(told['services'])
     assert topics.ZERO in told['gives']
-
-
-def test_help_for_ros_is_left_to_ros():
-    from msg_tools.node_help import wants_help
-    assert wants_help(['-h']) and wants_help(['--help', '--ros-args'])
-    assert not wants_help(['--ros-args', '-p', 'x:=1', '--help']) and not wants_help([])

@@ -386,7 +386,7 @@ def test_fit_refuses_what_it_cannot_do(refused, run_csv, tmp_path):
 
 def test_fit_refuses_the_truth_and_a_log_cut_short(night, refused, tmp_path):
     pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
-    assert 'holds the truth of the simulator; fit the log beside it' in refused(
+    assert 'holds the truth of the simulator; give the log beside it' in refused(
         'fit', night / 'bag_truth')
     whole = next((night / 'bag').glob('*.mcap')).read_bytes()
     cut = tmp_path / 'cut.mcap'

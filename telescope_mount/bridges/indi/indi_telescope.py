@@ -269,8 +269,10 @@ class IndiTelescope:
         self.client.send(self.device, SITE, LAT=site.latitude / DEG,
                          LONG=float(np.mod(site.longitude / DEG, 360.0)), ELEV=site.height)
         if self.get(CLOCK) is not None:
+            time.sleep(-time.time() % 1.0)  # it takes whole seconds, and one is 15 arcsec
+            now = time.gmtime(round(time.time()))
             self.client.send(self.device, CLOCK, OFFSET='0.00',
-                             UTC=time.strftime('%Y-%m-%dT%H:%M:%S', time.gmtime()))
+                             UTC=time.strftime('%Y-%m-%dT%H:%M:%S', now))
 
         def taken():
             there = self.site

@@ -14,6 +14,7 @@
 
 """The connection to an INDI server, against one that says what a test wants."""
 
+import calendar
 import time
 
 import pytest
@@ -47,6 +48,25 @@ def test_the_telescope_is_found_made_ready_and_never_synchronised(server):
     assert '<oneSwitch name="TRACK">On</oneSwitch>' in sent
     assert '<oneSwitch name="2x">On</oneSwitch>' in sent  # its fastest
     assert '<oneNumber name="RA">6.0</oneNumber>' in sent and 'SYNC">On' not in sent
+
+
+def test_the_clock_is_set_at_a_whole_second(server, monkeypatch):
+    server.properties += (
+        f'<defTextVector device="{DEVICE}" name="TIME_UTC" state="Ok" perm="rw">'
+        '<defText name="UTC"></defText><defText name="OFFSET"></defText></defTextVector>')
+    with IndiClient('localhost', server.port) as client:
+        telescope = IndiTelescope(client, find_device(client))
+        telescope.connect()
+        late, send = [], client.send
+
+        def note(device, name, **values):
+            if name != 'TIME_UTC':
+                return send(device, name, **values)
+            return late.append(time.time() - calendar.timegm(
+                time.strptime(values['UTC'], '%Y-%m-%dT%H:%M:%S')))
+        monkeypatch.setattr(client, 'send', note)
+        telescope.set_site(Site())
+    assert len(late) == 1 and abs(late[0]) < 0.3
 
 
 def test_a_slew_is_refused_where_the_driver_would_synchronise(server):
