@@ -255,12 +255,16 @@ def test_provenance_decides(night, tmp_path):
     ('{"a": [1e-12, 5.0], "n": 3}', '{"a": [2e-12, 5.0], "n": 3}', 0, 1),
     ('{"a": 5.0, "n": [1700000000000000001]}', '{"a": 5.0, "n": [1700000000000000002]}', 1, 0),
     ('{"a": 5.0}', '{"a": 5.0001}', 1, 0),
-    ('{"a": "one"}', '{"a": "two"}', 1, 0)])
+    ('{"a": "one"}', '{"a": "two"}', 1, 0),
+    ('{"a": 0.4756369075}', '{"a": 0.4756369061}', 0, 1),
+    ('{"a": 1.0, "b": {"c": 2.0}}', '{"a": 1.00000000001, "b": {"c": 3.0}}', 1, 0)])
 def test_what_another_processor_rounds_otherwise_is_no_difference(
         logged, computed, differs, rounded):
     check = LogComparison()
     check.compare('zero', logged, computed, 'a night')
     assert (len(check.differences), check.rounded) == (differs, rounded)
+    # named is what differs, not what is rounded otherwise
+    assert not any('a: logged 1.0,' in line for line in check.differences)
 
 
 def test_command(night, tmp_path, capsys):
