@@ -45,6 +45,7 @@ def run(args):
     console.print(', '.join(f'{count} {kind}' for kind, count in report['checked'].items()))
     rounded = report['rounded']
     console.print(f'{total - len(report["differences"]) - rounded} of {total} are identical bit '
-                  f'by bit' + f', {rounded} within rounding (another processor or numpy)' * bool(rounded))
+                  'by bit' + f', {rounded} within rounding (another processor or numpy)'
+                  * bool(rounded))
     write_outputs(console, args, report)
     return 1 if report['differences'] or report['damaged'] else 0
