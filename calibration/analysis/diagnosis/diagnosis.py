@@ -206,7 +206,8 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
     result = count_rows(result)
     add_page_figures(result)
     result.worst_rows, result.unequal_scatter = worst_rows(result), unequal_scatter(result)
-    result.unequal_axes = unequal_axes(result)
+    result.unequal_axes = unequal_axes(result.residual_after, result.weights > 0.0,
+                                       result.observations.context)
     if shown and not effects and result.unequal_axes:
         result.unequal_axes['runs_alone'] = shown
     result.columns_alike = checked.alike

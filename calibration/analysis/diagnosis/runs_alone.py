@@ -27,7 +27,7 @@ from pointing_model.effects.gears_and_worms import worm_waves
 from .effect_choice import choose_effects
 from .offered_effects import effect_bank
 from .run_problem import RunProblem
-from .scatter import axes_scatter
+from .scatter import unequal_axes
 
 #: fewest rows of a run that is searched; largest number of runs searched
 _ROWS, _MOST_RUNS = 20, 12
@@ -58,7 +58,7 @@ def ask_runs(run, choice, alpha, flips, rng):
     """
     obs, problem = run.obs, run.problem
     hidden = any(c.effect(problem).parameters.get('runs') for c in choice.dropped_by_cv)
-    if len(obs.runs) < 2 or choice.chosen or not (hidden or axes_scatter(
+    if len(obs.runs) < 2 or choice.chosen or not (hidden or unequal_axes(
             choice.fit.raw.reshape(2, -1), choice.fit.weights > 0.0, obs.context)):
         return [], False
     shown, worms = [], {}

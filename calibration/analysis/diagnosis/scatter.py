@@ -74,7 +74,7 @@ def unequal_scatter(diagnosis):
     return best
 
 
-def unequal_axes(diagnosis):
+def unequal_axes(residual, keep, context):
     """Test whether residuals scatter more in one axis, and how that depends on direction.
 
     Rotation errors of the first axis (drive, encoder, clock) move stars in x by the cosine of the
@@ -82,7 +82,11 @@ def unequal_axes(diagnosis):
 
     Parameters
     ----------
-    diagnosis : Diagnosis
+    residual : ndarray, shape (2, n)
+        Radians.
+    keep : ndarray of bool, shape (n,)
+        Rows that count.
+    context : Context
 
     Returns
     -------
@@ -91,12 +95,6 @@ def unequal_axes(diagnosis):
         y, robust) and, if x scatters more, its ``law``: ``cosine``, ``even``, or None if
         undetermined. None if the axes scatter alike, or if there are too few rows.
     """
-    return axes_scatter(diagnosis.residual_after, diagnosis.weights > 0.0,
-                        diagnosis.observations.context)
-
-
-def axes_scatter(residual, keep, context):
-    """`unequal_axes` for residuals, radians, shape (2, n), in the rows `keep`."""
     rows = np.flatnonzero(keep)
     if len(rows) < _FEWEST:
         return None

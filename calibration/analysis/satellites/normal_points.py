@@ -21,19 +21,18 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.runs.satellite_tracks import STARS
 
 #: length of a track in one point, s; largest number of points
-SECONDS, _MOST = 120.0, 400
+_SECONDS, _MOST = 120.0, 400
 
 
-def normal_points(fit, seconds=SECONDS):
+def normal_points(fit):
     """Pointing run with the errors of the mount alone, from a fit of tracks.
 
-    Errors of clock and orbits are subtracted; rows of a track are averaged over some seconds.
+    Errors of clock and orbits are subtracted; rows of a track are averaged over two minutes, longer
+    if there would be too many points.
 
     Parameters
     ----------
     fit : TrackFit
-    seconds : float
-        Averaging time, increased if there would be too many points.
 
     Returns
     -------
@@ -43,7 +42,7 @@ def normal_points(fit, seconds=SECONDS):
     tracks = fit.tracks
     run, time = tracks.run, np.asarray(tracks.run['time'], float)
     used = fit.weights > 0.0
-    seconds = max(seconds, float(np.count_nonzero(~tracks.is_star) and _length(tracks) / _MOST))
+    seconds = max(_SECONDS, float(np.count_nonzero(~tracks.is_star) and _length(tracks) / _MOST))
     cell = np.where(tracks.is_star, np.arange(len(time)), np.floor(time / seconds))
     # separate sides of the pier
     _, which = np.unique(np.stack((tracks.arc, cell, is_beyond(run['el']))), axis=1,

@@ -52,19 +52,18 @@ def test_scatter_that_is_not_the_same_at_all_elevations_is_told():
 
 
 def axes(times, law, n=80, seed=3):
-    """As `unequal_axes` takes it: left and right scatters more, by a law."""
+    """Input of `unequal_axes`: left and right scatters more, by a law."""
     rng = np.random.default_rng(seed)
     el = rng.uniform(-0.5, 1.3, n)
     left = ARCSEC * rng.normal(size=(2, n))
     left[0] *= times * (np.cos(el) if law == 'cosine' else 1.0)
     context = SimpleNamespace(el=el, get=lambda name: np.arange(float(n)))
-    return SimpleNamespace(weights=np.ones(n), residual_after=left,
-                           observations=SimpleNamespace(context=context))
+    return left, np.ones(n), context
 
 
 @pytest.mark.parametrize('law, word', [('cosine', 'at the clock'), ('even', 'optics')])
 def test_unequal_axes_are_told_with_the_law_of_their_scatter(law, word):
-    found = unequal_axes(axes(5.0, law))
+    found = unequal_axes(*axes(5.0, law))
     assert found['axis'] == 'x' and found['p'] < 1e-3 and found['law'] == law
     document = {'unequal_axes': found, 'mount': 'german'}
     text = axes_sentence(document)
@@ -74,7 +73,7 @@ def test_unequal_axes_are_told_with_the_law_of_their_scatter(law, word):
 
 
 def test_a_run_of_unequal_axes_is_never_noise():
-    found = unequal_axes(axes(2.6, 'even', n=300))
+    found = unequal_axes(*axes(2.6, 'even', n=300))
     document = {'verdict': 'none', 'unequal_axes': found, 'mount': 'german', 'effects': [],
                 'before': {'rms_arcsec': 3.0}, 'after': {}, 'noise_floor_arcsec': 3.0,
                 'base_terms': ['IH']}
@@ -88,12 +87,12 @@ def test_a_run_of_unequal_axes_is_never_noise():
 
 def test_the_other_axis_is_told_by_its_name():
     one = axes(1.0, 'even')
-    one.residual_after[1] *= 4.0
-    found = unequal_axes(one)
+    one[0][1] *= 4.0
+    found = unequal_axes(*one)
     assert found['axis'] == 'y' and found['law'] is None
     assert 'declination axis' in axes_sentence({'unequal_axes': found, 'mount': 'german'})
-    one.weights[15:] = 0.0
-    assert unequal_axes(one) is None
+    one[1][15:] = 0.0
+    assert unequal_axes(*one) is None
 
 
 def test_equal_axes_are_not_told_even_where_rows_remember():
