@@ -404,7 +404,7 @@ def _curve_beside(problem, choice, alpha, chance, without):
 
 def _replacements(problem, choice, without):
     """Curves that beat all dictionary effects of one driver together by more than `SET_WIDTH`."""
-    out = []
+    out, bank = [], problem.dictionary
     drivers = [c.effect(problem).driver for c in choice.chosen]
     free = [_may_go(choice, c) for c in choice.chosen]
     for driver in {d for d, of in zip(drivers, free) if of}:
@@ -417,7 +417,7 @@ def _replacements(problem, choice, without):
         same[without] = False
         g, gain = best_of(scores, np.flatnonzero(~same))
         lost = _bic_between(fit, choice.fit) - sum(
-            len(problem.dictionary.of(c.group)) * np.log(problem.n)
+            (len(bank.of(c.group)) + bank.scan_cost[c.group]) * np.log(problem.n)
             for i, c in enumerate(choice.chosen) if i not in keep)
         if gain > lost + SET_WIDTH:
             out.append((gain - lost, g, keep))
