@@ -95,7 +95,8 @@ def reduced_squares(squares, across, length):
         Directions that each group adds.
     """
     own, with_left = map(sum, zip(*across))
-    scale = 1.0 / np.where(length > 0.0, length, 1.0)[..., None]
+    # the tail of a bump beside the rows: one over its length is infinite in single precision
+    scale = 1.0 / np.where(length > 1e-30, length, 1.0)[..., None]
     factor, dof = directions(own * scale * np.swapaxes(scale, -1, -2))
     kind = with_left.dtype
     factor = (factor * scale).astype(kind, copy=False)

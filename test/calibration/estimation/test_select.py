@@ -36,12 +36,21 @@ from calibration.estimation.folds import (
 )
 from calibration.estimation.group_columns import Basis, GroupColumns, orthonormal
 from calibration.estimation.linear_model import weighted_fit
+from calibration.estimation.reduced_squares import reduced_squares
 from calibration.estimation.select import choose, search, second_look
 from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
 from calibration.estimation.significance import significance
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.pointing_terms import stacked_design
+
+
+def test_the_tail_of_a_bump_gains_nothing():
+    """In single precision one over its length was infinite, and the group not a number."""
+    length = np.array([[1e-40], [1.0]])
+    left, dof = reduced_squares([np.array([2.0])], [
+        (np.square(length)[..., None], (0.5 * length)[..., None].astype(np.float32))], length)
+    assert left[0].ravel() == pytest.approx([2.0, 1.75]) and dof.tolist() == [0, 1]
 
 
 def index(problem, name):
