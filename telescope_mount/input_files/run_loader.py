@@ -141,8 +141,9 @@ def _drivers(path, run, names):
     kept = [f'column_{name}' if f'column_{name}' in own else name for name in names]
     missing = [name for name, there in zip(names, kept) if there not in own]
     if missing:
-        raise ValueError(f'{path}: no column {", ".join(missing)} to take as a driver; '
-                         f'the file has {", ".join(own) or "none"}')
+        raise ValueError(f'{path}: no column {", ".join(missing)} to take as a cause; '
+                         'known ones, such as temperature_c, are causes already, others of the '
+                         f'file are: {", ".join(own) or "none"}')
     return tuple(kept)
 
 

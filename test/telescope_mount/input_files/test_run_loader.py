@@ -75,7 +75,7 @@ def test_what_is_declared_goes_with_the_run(tmp_path):
     assert run.meta['graduation'] == {'az': {'grating': 47200},
                                       'el': {'grating': 47200, 'bars': 1080}}
     assert run.meta['drivers'] == ('column_row',)
-    with pytest.raises(ValueError, match='no column wind to take as a driver.*flag'):
+    with pytest.raises(ValueError, match='no column wind to take as a cause.*flag'):
         load_run(path, drivers=['wind'])
     with pytest.raises(ValueError, match='number of lines'):
         load_run(path, graduation='grating=27.5')
