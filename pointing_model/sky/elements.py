@@ -26,8 +26,11 @@ import erfa
 import numpy as np
 
 from .earth import DAY, MJD_1970, earth_orientation, split_utc, terrestrial
-from .orbits.orbit_errors import ELEMENTS
 from .orbits.time_scales import leap_seconds
+
+#: error of a coordinate from two-line elements, m: lower limit of the revolutions per day, error at
+#: the epoch of the elements, and growth per day
+ERRORS = ((11.25, 700.0, 1000.0), (-np.inf, 400.0, 100.0))
 
 #: Elements of the satellite that paper 000 tracked (NORAD 26690, USA 156), 2013 day 264.
 GPS_26690 = (
@@ -154,7 +157,7 @@ class Satellite:
     def sigma(self, time, rest=0.0):
         """Expected error of a coordinate at a time, shape (...), m; largest along the orbit."""
         turns = self.record.no_kozai * 1440.0 / (2.0 * np.pi)
-        first, growth = next(one[1:] for one in ELEMENTS if turns > one[0])
+        first, growth = next(one[1:] for one in ERRORS if turns > one[0])
         return first + growth * np.abs(np.asarray(time, float) + rest - self.epoch) / DAY
 
 
