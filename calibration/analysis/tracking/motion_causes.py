@@ -53,10 +53,12 @@ OTHERS, QUIET = 0.05 * ARCSEC, 0.3 * ARCSEC
 JUMPS = ((40.0 * ARCSEC, 0.02), (300.0 * ARCSEC, 0.005))
 #: the same for a pier with an inclinometer
 PIER_JUMPS = ((30.0 * ARCSEC, 0.005),)
+#: the same of all terms at once
+KNOCKS = ((60.0 * ARCSEC, 0.001),)
 
 #: parts that can move
 INCREMENTAL, ABSOLUTE, TUBE = 'incremental encoder', 'absolute encoder', 'tube or sky'
-PIER = 'pier'
+PIER, ANY = 'pier', 'mount or camera'
 #: further sensors of a tracker
 SENSORS = ('difference', 'inclinometer')
 
@@ -75,6 +77,8 @@ class TrackingSettings:
         Relaxation times, h, of terms that return to the model of the evening.
     jumps : tuple of (float, float)
         1 sigma (rad) and frequency per hour, for each axis; the last also of both at once.
+    knocks : tuple of (float, float)
+        The same of all terms at once; of the zeros five times as large.
     wrong, wrong_sigma : float
         Share of wrong stars, and 1 sigma of their error (rad).
     turn_h : float
@@ -97,6 +101,7 @@ class TrackingSettings:
     walks: dict = field(default_factory=dict)
     memory_h: dict = field(default_factory=dict)
     jumps: tuple = JUMPS
+    knocks: tuple = KNOCKS
     wrong: float = 0.01
     wrong_sigma: float = 200.0 * ARCSEC
     turn_h: float = 24.0
@@ -108,8 +113,8 @@ class TrackingSettings:
 
     def __post_init__(self):
         sizes = (*self.zeros, *self.tilts, *self.walks.values(), *self.memory_h.values(),
-                 *(v for pair in self.jumps for v in pair), self.turn_h, self.gap_h,
-                 self.wrong_sigma)
+                 *(v for pair in (*self.jumps, *self.knocks) for v in pair), self.turn_h,
+                 self.gap_h, self.wrong_sigma)
         if not self.zeros or not self.tilts or not all(v > 0.0 for v in sizes):
             raise ValueError('tracking: rates, memories and jumps must be positive numbers')
         if not 0.0 < self.wrong < 0.5:
@@ -223,6 +228,9 @@ def jumps_of(names, mount, sensors, settings):
         for way, shape, shown in zip(('north or south', 'east or west'), lean_of_base(mount),
                                      ('lean_north', 'lean_west')):
             causes.append((f'{PIER}, {way}', [{**shape, shown: 1.0}], PIER_JUMPS))
+    # a mount that was knocked, a camera that was exchanged: the zeros by more than other terms
+    causes.append((ANY, [{name: 5.0 if name in mount.names.index else 1.0} for name in names],
+                   settings.knocks))
     return [PossibleJump(name, _steps(states, shapes).T, sigma, often)
             for name, shapes, sizes in causes for sigma, often in sizes]
 

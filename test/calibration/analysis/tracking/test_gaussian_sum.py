@@ -112,7 +112,7 @@ def test_a_smoothed_night_is_the_posterior_of_the_whole_night():
     names = ('IA', 'IE', 'AN', 'AW')
     first = np.diag([4.0, 3.0, 2.0, 1.0]) * ARCSEC**2
     settings = TrackingSettings(zeros=(3 * ARCSEC,), tilts=(1 * ARCSEC,), jumps=((ARCSEC, 1e-9),),
-                        wrong=1e-9)
+                                knocks=(), wrong=1e-9)
     tracker = Tracker(PointingModel(dict.fromkeys(names, 0.0), first), 0, settings=settings)
     hours, az, el = rng.uniform(0.1, 0.5, (3, 10))
     values = rng.normal(size=(10, 2)) * 4.0 * ARCSEC

@@ -105,6 +105,18 @@ def test_a_jump_is_called_by_its_second_star_and_a_wrong_star_is_none(jump, who)
     assert tracker.consistency.noise == tracker.consistency.walk == 1.0
 
 
+@pytest.mark.parametrize('knock', [{'AN': 90.0, 'AW': -60.0}, {'CA': 40.0, 'IE': 30.0}])
+def test_a_mount_that_was_knocked_has_no_wrong_stars(knock):
+    sky, tracker = Sky(2), Tracker(model(), 0)
+    called = []
+    for k in range(30):
+        sky.added = knock if k >= 12 else {}
+        called += sky.tell(tracker, 10 * k * MINUTE).events
+    assert worded(called)[-1].startswith('mount or camera: jumped before star 12')
+    terms = tracker.terms()[0]
+    assert all(abs(terms[name] / ARCSEC - TERMS[name] - by) < 8.0 for name, by in knock.items())
+
+
 @pytest.mark.parametrize('who, zero, difference', [
     ('incremental encoder', 20.0, -20.0), ('absolute encoder', 0.0, 20.0),
     ('tube or sky', 20.0, 0.0)])
