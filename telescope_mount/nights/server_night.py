@@ -122,7 +122,8 @@ def ask_server(text, sky=None, seen=False):
         raise ValueError(f'{device} does not say what kind of mount it is: write '
                          f'{protocol}:{host}:{port}:equatorial, german or altaz')
     if site is None or not np.any(site[:2]):  # the initial value of unconfigured drivers
-        site = DEFAULT_SITE.latitude, DEFAULT_SITE.longitude, DEFAULT_SITE.height
+        site = () if not simulated else (
+            DEFAULT_SITE.latitude, DEFAULT_SITE.longitude, DEFAULT_SITE.height)
     there = {name: value / one.size for (name, one), value in zip(SITE.items(), site)}
     return ServerMount(protocol, {'host': host, 'port': port} | server, kind, there | (sky or {}),
                  simulated)
@@ -153,10 +154,10 @@ def _ask_alpaca(host, port, given, seen):
     from telescope_mount.bridges.alpaca.alpaca_telescope import AlpacaTelescope
     telescope = AlpacaTelescope(host, port)
     telescope.connect()
-    simulated = telescope.is_simulator
     if not seen:
         _with_advice(AlpacaTelescope.knows_where_it_looks, telescope)
-    return {'number': 0}, given or telescope.kind, telescope.site, simulated, telescope.device
+    return ({'number': 0}, given or telescope.kind, telescope.site, telescope.is_simulator,
+            telescope.device)
 
 
 def _with_advice(check, telescope):

@@ -102,10 +102,8 @@ class AlpacaTelescope:
         try:
             with _asking(f'{self.device}, {name}'):
                 return getattr(self._device, name)
-        except Unanswered:
-            raise
-        except AlpacaError:
-            if default is None:
+        except AlpacaError as error:
+            if default is None or isinstance(error, Unanswered):
                 raise
             return default
 
@@ -185,13 +183,10 @@ class AlpacaTelescope:
     @property
     def site(self):
         """Latitude and longitude, rad, and height, m; None if not reported."""
-        try:
-            return (self.ask('SiteLatitude') * DEG, float(wrap(self.ask('SiteLongitude') * DEG)),
-                    float(self.ask('SiteElevation', 0.0)))
-        except Unanswered:
-            raise
-        except AlpacaError:
-            return None
+        latitude, longitude, height = (self.ask(f'Site{name}', default) for name, default in (
+            ('Latitude', np.nan), ('Longitude', np.nan), ('Elevation', 0.0)))
+        known = np.isfinite(latitude + longitude)
+        return (latitude * DEG, float(wrap(longitude * DEG)), float(height)) if known else None
 
     @property
     def parked(self):

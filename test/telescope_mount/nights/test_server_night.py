@@ -27,7 +27,7 @@ from two_axes import TwoAxes
 
 from msg_tools.status_rows import Progress
 from pointing_model.mounts import ALTAZ
-from pointing_model.sky.site import DEFAULT_SITE
+from pointing_model.sky.site import DEFAULT_SITE, SITE
 from telescope_mount.bridges.indi.indi_telescope import SIMULATOR
 from telescope_mount.nights import whole_night as night
 from telescope_mount.nights.night_files import Written
@@ -80,7 +80,12 @@ def test_a_real_mount_needs_a_camera(refused, tmp_path):
         found = ask_server(address, seen=True)
     assert 'Mount reports a computed, not a measured position: give a camera with --camera' in said
     assert not (tmp_path / 'x').exists()
-    assert not found.simulated
+    assert not found.simulated and found.sky['latitude_deg'] == pytest.approx(10.0)
+    # one whose site was never set has none, and only a simulator gets one
+    for properties, place in ((TELESCOPE, set()), (SIMULATED, {*SITE})):
+        unset = properties.replace('>10<', '>0<').replace('>350<', '>0<').replace('>100<', '>0<')
+        with FakeServer(unset) as server:
+            assert {*ask_server(f'indi:localhost:{server.port}:german', seen=True).sky} == place
     specs = {spec.name: spec.parameters for spec in nodes_of(
         found, plan='home', bag='b', camera='indi:dome:7000:CCD Simulator')}
     assert specs['mount_guard']['slew_timing'] == 0.0  # nobody knows how it slews
