@@ -165,7 +165,7 @@ def mistakes_beyond(beyond):
              lambda a, e: (turned(a), e)),
             ('declination folded', 'folded back to below 90 degrees where the hour angle is',
              lambda a, e: (a, folded(e))),
-            ('both folded', 'folded back to below 90 degrees with the hour angle of the star',
+            ('both folded', 'folded back to below 90 degrees where stars east',
              lambda a, e: (turned(a), folded(e)))):
         yield f'beyond the pole, {name}', '', said, (None, one)
 

@@ -66,7 +66,7 @@ def apart(one, other, el):
 
 def back(exported, folder):
     """The model read from the exported file."""
-    path = Path(folder) / f'model{exported.program.suffix}'
+    path = Path(folder) / f'model.{exported.program.name}'
     path.write_text(exported.text)
     return read_model(path).model
 

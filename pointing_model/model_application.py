@@ -21,6 +21,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 
 from .context import Context
+from .model import PointingModel
 from .runs.run import COLUMNS, column_name
 from .zero import NO_ZERO, carried_zeros
 
@@ -70,7 +71,10 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
     if isinstance(model, str | Path):
         from .runs.model_reader import read_model
         model = read_model(model)
-    model = getattr(model, 'model', model)
+    given, model = model, getattr(model, 'model', model)
+    if not isinstance(model, PointingModel):
+        raise ValueError(f'{type(given).__name__} is no model: give a model file, or what has one: '
+                         'a fit, a diagnosis')
     _refuse_misspelled(model, drivers)
     az, el = np.broadcast_arrays(*(np.asarray(v, float) * DEG for v in (az_deg, el_deg)))
     columns = {}
@@ -217,7 +221,10 @@ def zeros_of_rows(model, wanted=NEWEST, run=None):
     if wanted == NO_ZEROS:
         return (0.0, 0.0), []
     if wanted != NEWEST:
-        number = float(wanted)
+        try:
+            number = float(wanted)
+        except ValueError:
+            raise ValueError(f'zero {wanted}: write newest, none or the number of a run') from None
         if number not in known:
             there = ', '.join(f'{n:g}' for n in known) or 'none'
             raise ValueError(f'the model carries no zero of run {number:g}; it has: {there}')

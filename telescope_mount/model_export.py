@@ -263,7 +263,7 @@ def sentences(exported):
         lines.append('fitted over the whole sky, also where the model may have no data: '
                      '--sky RUN fits the directions of a run')
     if program.whole:
-        lines.append(f'it takes {program.digits}')
+        lines.append('it takes whole arcseconds')
     lines.append(f'loss: {loss.rms:.3f} arcsec RMS, at most {loss.largest:.3f}, {where}')
     other = exported.elsewhere
     if other is not None:

@@ -17,11 +17,13 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.context import Context
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, active_zero, is_for_zero
 
 from ..rows import by_power_on
+from .diagnosis.observations import sequence_of
 from .harmonic_fit import Recipe
 from .term_fit import fit_terms
 
@@ -29,8 +31,9 @@ from .term_fit import fit_terms
 def split_half(run, seed=0):
     """Choose half of the rows, with the same distribution over the sky as all.
 
-    Within each night (column ``run``, if present) the rows are sorted into elevation bands of equal
-    number, and by azimuth within a band; one of each pair of neighbours is taken at random.
+    Within each night (column ``run``, if present) the stars are sorted into elevation bands of
+    equal number, and by azimuth within a band; one of each pair of neighbours is taken at random.
+    Rows of one star within minutes are taken together: they share its errors.
 
     Parameters
     ----------
@@ -40,7 +43,7 @@ def split_half(run, seed=0):
     Returns
     -------
     ndarray of bool, shape (n,)
-        The rows to fit; the others are the check. Odd rows go to either half at random.
+        The rows to fit; the others are the check. Odd stars go to either half at random.
 
     Raises
     ------
@@ -51,11 +54,11 @@ def split_half(run, seed=0):
     if n < 2:
         raise ValueError(f'{n} observations cannot be split in halves; observe more')
     rng = np.random.default_rng(seed)
-    night = np.asarray(run['run']) if 'run' in run else np.zeros(n)
-    used = np.zeros(n, bool)
+    night, star = np.asarray(run.get('run', 0.0)), _stars(run)
+    used, first = np.zeros(n, bool), star == np.arange(n)
     odd = rng.integers(2)  # alternates, so that odd nights do not all favour one half
     for number in np.unique(night):
-        rows = np.flatnonzero(night == number)
+        rows = np.flatnonzero((night == number) & first)
         bands = max(1, round(np.sqrt(len(rows) / 4.0)))
         order = rows[np.argsort(run['el'][rows], kind='stable')]
         az = np.mod(run['az'], 2.0 * np.pi)
@@ -70,7 +73,13 @@ def split_half(run, seed=0):
         if len(sequence) % 2:
             used[sequence[-1]] = bool(odd)
             odd = 1 - odd
-    return used
+    return used[star]
+
+
+def _stars(run):
+    """For each row, the first of the rows of its star within minutes."""
+    night = np.unique(run.get('run', 0.0), return_inverse=True)[1]
+    return sequence_of(Context.from_run(run), night).group
 
 
 def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
@@ -120,7 +129,7 @@ def checked_by_halves(run, result, names, **options):
         Options of the fit, for `external_check`.
     """
     used = run.select(result.weights > 0.0)
-    if len(used) < 4 * len(names):
+    if len(np.unique(_stars(used))) < 4 * len(names):
         return None
     if options.get('run_zeros') and np.unique(used['run'], return_counts=True)[1].min() < 2:
         return None  # a run has its own zero and only one row: nothing to test

@@ -21,6 +21,7 @@ import numpy as np
 from calibration.estimation.row_influence import Linearisation
 from msg_tools.units import ARCSEC
 from pointing_model.model import OPEN, PointingModel
+from pointing_model.model_document import coefficient_row
 from pointing_model.mounts import rows_by_side
 from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import NO_ZERO, PowerOnZero, Zeros
@@ -141,17 +142,13 @@ class FitResult:
             Add ``within95_arcsec`` and ``degrees_of_freedom`` (of its sigma; None: the noise is
             known); by default if the rows are `few`.
         """
-        rows = [{'name': name, 'value_arcsec': float(value) / ARCSEC,
-                 'sigma_arcsec': float(sigma) / ARCSEC if np.isfinite(sigma) else None}
+        rows = [coefficient_row(name, float(value), float(sigma), name in self.undetermined)
                 for name, value, sigma in zip(self.names, self.coefficients, self.sigma)]
         if self.few if interval is None else interval:
             for row, wide, dof in zip(rows, self.within95, self.freedom):
                 known = row['sigma_arcsec'] is not None
                 row['within95_arcsec'] = float(wide) / ARCSEC if known else None
                 row['degrees_of_freedom'] = float(dof) if known and np.isfinite(dof) else None
-        for row in rows:
-            if row['name'] in self.undetermined:
-                row['undetermined'] = True
         return rows
 
     @property

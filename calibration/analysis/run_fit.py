@@ -36,6 +36,7 @@ from .diagnosis.residual_patterns import (
     cluster_findings,
     jump_findings,
     memory_findings,
+    rounding_findings,
     visit_findings,
 )
 from .diagnosis.row_counts import excluded_of_fit, fit_row_counts
@@ -215,7 +216,10 @@ def _patterns(run, result, terms, how):
                        after=after.rms_arcsec().radial)]
     elif not how['run_zeros']:
         out += jump_findings(rows, terms)
-    return out + memory_findings(rows, terms) + cluster_findings(rows)
+    kept = 2 * np.count_nonzero(result.weights > 0.0)
+    left = result.rms_arcsec(False).radial * np.sqrt(kept / max(kept - len(terms), 1))
+    return [*out, *memory_findings(rows, terms), *cluster_findings(rows),
+            *rounding_findings(run.meta, left)]
 
 
 def one_of_runs(run, number=None, zeros_known=False):

@@ -264,6 +264,7 @@ def _check_frame(run, solved):
             + f'. Nothing was concluded; {_advice(run, near)} if so it is')
     if not solved.declared:
         if -2 * len(run) * gain < _DECISIVE:
+            _refuse_others(run, best)
             raise _undeclared(run, f'the data cannot determine it: {taken.what} leaves '
                               f'{taken.rms_arcsec:.1f} arcsec, {best.what} {best.rms_arcsec:.1f}')
         run.meta['notes'].append(Finding(

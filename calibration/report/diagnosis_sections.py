@@ -92,7 +92,7 @@ def held_out(document, axes):
     """Table of the held-out runs."""
     nights = document.get('held_out') or []
     keys = [f'rms_{key}arcsec' for key in ('x_', 'y_', '')]
-    rows = [[f'{night["run"]}: bad' if night['bad'] else night['run'], str(night['rows']),
+    rows = [[f'{night["run"]}: differs' if night['bad'] else night['run'], str(night['rows']),
              str(night['set_aside']),
              *(page.number(night[when][key]) for when in ('before', 'after') for key in keys)]
             for night in nights]

@@ -17,7 +17,7 @@
 from datetime import datetime, timezone
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import readable
+from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import OF_MOUNT, ON_SKY
 
 from .implausible_wording import implausible_term
@@ -99,6 +99,15 @@ def _first_axis_leans(found):
             'that is not UTC, or a wrong longitude or latitude, looks the same')
 
 
+def _coarse_columns(found):
+    steps = ', '.join(f'{one["column"]} in steps of {one["step"]:.3g}{one["unit"]}'
+                      for one in found['steps'])
+    moved = 'time' in {one['column'] for one in found['steps']}
+    return (f'{steps}: rounding alone scatters {arcsec(found.size)} RMS on the sky, and '
+            f'{arcsec(found.after)} remain. Write more digits'
+            + '. Times cut off, not rounded, move zero and tilt of the first axis, too' * moved)
+
+
 def _sigma_of_solver(found):
     low, high = found['given_arcsec']
     az, el = found['scatter_arcsec']
@@ -142,6 +151,10 @@ KINDS = {
     'copied solution': lambda found: (
         f'solution copied from row {found["of"]}, {far_text(found.size)} from where the '
         'encoders point'),
+    'rows of one star alike': lambda found: (
+        f'rows of one star err alike (r = {found["r"]:.2f}), so they count as fewer: errors of the '
+        f'terms are {found.size:.1f} times those printed'),
+    'coarse columns': _coarse_columns,
     'frame taken': _frame_taken,
     'leaning first axis': _first_axis_leans,
     'sigma of the solver': _sigma_of_solver,

@@ -250,9 +250,10 @@ def bad_nights(document, axes):
             f'{word} {after[f"rms_{key}_arcsec"]:.1f}\u2033 RMS, '
             + (f'{times[key]:.1f} times the scatter of the others' if times[key] > 1.5
                else 'as the others') for key, word in zip('xy', axes))
-        sentences.append(f'The night {night["run"]} is bad: {each}'
+        sentences.append(f'The night {night["run"]} is noisy, or its terms are others: {each}'
                     + (f'; {night["set_aside"]} of its {night["rows"]} rows are excluded as '
-                       'outliers' if night['set_aside'] else '') + '. Judge the model without it'
+                       'outliers' if night['set_aside'] else '')
+                    + '. Fit it alone to see which; judge the model without it'
                     + (': on the other' + ('s' if len(good) > 1 else '') + ' it leaves '
                        + _together(good, 'after') + f' (before {_together(good, "before")}).'
                        if good else '.'))
@@ -344,9 +345,6 @@ KINDS = {
         f'{found["where"]}{", or ".join(found.causes)} would fit to {found.after:.1f} arcsec, the '
         f'seven terms to {found.before:.1f}. Check the {found["what"]}; an effect beyond the terms '
         'can also cause this'),
-    'coarse columns': lambda found: (
-        f'Angles of the file are in steps of {arcsec(found.size)}: that alone is '
-        f'{arcsec(found.after)} RMS. Write more digits, or read the encoders finer'),
     'star measured again': lambda found: (
         f'{found["word"]}s {"; ".join(map(_together_again, found["rows"]))} are repeated '
         'measurements of one star. They stay together in cross-validation. Their '

@@ -105,6 +105,8 @@ def short_headline(document, effects):
     if text:
         like = explanation((document.get('wander') or {}).get('explained_by', ())) \
             if document['verdict'] == 'wanders' else ''
+        if (document.get('wander') or {}).get('along_the_sky') and not like:
+            like = 'an effect of direction or of each star'
         return text.format(beyond=_beyond_terms(document)) + \
             f' {like[:1].upper()}{like[1:]} explains it as well.' * bool(like)
     if not effects:

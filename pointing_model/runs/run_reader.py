@@ -28,6 +28,7 @@ from .columns import axis_places, hints, row_checks, solve_columns
 from .columns.approach import derive_approach
 from .columns.cell_values import is_number
 from .columns.run_table import content, read_lines
+from .columns.written_steps import note_steps
 from .copies import flag_solved_twice
 from .formats import csv
 from .formats.images import read_images
@@ -142,6 +143,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     row_checks.flag_numbers(table)
     row_checks.blank_absurd(table)
     row_checks.bridge_gaps(table)
+    note_steps(table)
     axis_places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
     axis_places.mount_ascension(path, table)
     if mount.vertical:
@@ -167,6 +169,7 @@ def _settle_mount(path, table, given):
     mount = given or declared
     if mount is None and table.names is ALTAZ.names:
         return ALTAZ
+    meta['mount_assumed'] = mount is None
     if not isinstance(mount, Mount):
         latitude = known_site(meta).get('latitude')
         if mount is None and not table.names.celestial:

@@ -57,19 +57,12 @@ def add(commands):
 
 def run(args):
     """Read, convert, write, report what was unknown."""
-    from pointing_model.model_application import NEWEST, NO_ZEROS
     from pointing_model.mounts import ALTAZ
     from pointing_model.runs.columns.cells import write_rows
     from pointing_model.runs.model_reader import read_model
 
     from ..apply_table import apply_to_table
     from .console import new_console, print_lines, step_aside
-    if args.zero not in (NEWEST, NO_ZEROS):
-        try:
-            args.zero = float(args.zero)
-        except ValueError:
-            raise ValueError(f'--zero {args.zero}: write newest, none or the number of a '
-                             'run') from None
     loaded = read_model(args.model, options.mount_of(args) or ALTAZ)
     rows, delimiter, notes = apply_to_table(loaded.model, args)
     if args.out:

@@ -111,15 +111,12 @@ def _run_model(args, console):
     options.check_target(args.out)
     if not _same(args.out, args.file):
         options.refuse_existing(args.out, args)
-    zero = args.zero or 'none'
-    if zero not in ('none', 'newest') and not zero.lstrip('-').isdigit():
-        raise ValueError(f'--zero {zero}: write newest, none or the number of a run')
     if args.sky is None:
         options.refuse(args, 'applies to the run of --sky; leave it out', equinox='auto')
     place = options.place_of(args) | {'mount': options.mount_of(args)}
     place['site'] = _whole_site(place.get('site'), args)
-    written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
-                                        side=args.side, **place)
+    written = model_export.export_model(args.file, args.out, args.to, sky=args.sky,
+                                        zero=args.zero or 'none', side=args.side, **place)
     model_export.show(written, console)
     if args.json:
         write_json(args.json, written.to_dict())

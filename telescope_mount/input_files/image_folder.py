@@ -22,8 +22,9 @@ import numpy as np
 
 from msg_tools.whole_files import beside
 from pointing_model.runs.columns.cells import write_rows
+from pointing_model.runs.columns.solve_columns import one_mount
 from pointing_model.runs.formats.csv import iso_utc
-from pointing_model.runs.formats.images import common_site, one_image, one_mount_of, refuse_absent
+from pointing_model.runs.formats.images import common_site, one_image, refuse_absent
 from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
 from pointing_model.runs.plate_solves.solvers import NotSolved
 
@@ -156,7 +157,8 @@ def _rows(mapping, files):
         rows[file.name] = row, reason
     refuse_absent(mapping.path, absent, headers)
     site = common_site(mapping.path, mapping, headers)
-    one_mount_of(mapping.path, files, [rows[file.name][0] for file in files])
+    one_mount(mapping.path, ((file.name, rows[file.name][0].pop('telescope', None))
+                             for file in files))
     for file in files:
         rows[file.name][0].setdefault('star', file.name)
     return rows, site

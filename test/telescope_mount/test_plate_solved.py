@@ -240,7 +240,7 @@ def test_the_sigma_of_a_solution_weighs(night, tmp_path):
     ({}, '# frame: ICRS\n# latitude_deg: north\n', ["latitude_deg 'north' is not a number"]),
     ({}, '# frame: ICRS\n# latitude_deg: 134\n', ['latitude_deg 134 is outside']),
     ({'mount': ['A'] * 20 + ['B'] * 20}, HEAD + '# frame: ICRS\n',
-     ['row 26', "'B'", "before are of 'A'", 'split']),
+     ["row 26 is of mount 'B'", "of 'A'", 'split']),
 ])
 def test_bad_files_are_refused_in_one_line(night, tmp_path, refused, change, head, words):
     line = refused('fit', write(tmp_path / 'run.csv', {**columns_of(night), **change}, head))

@@ -46,6 +46,7 @@ from .residual_patterns import (
     MOVES,
     ResidualRows,
     cluster_findings,
+    rounding_findings,
     visit_findings,
 )
 from .row_counts import count_rows, repeats, worst_rows
@@ -202,6 +203,7 @@ def diagnose(runs, base='physical', alpha=ALPHA, *, holdout=None, own_terms=None
         result.next_observations, result.no_star = propose(
             run, choice, [[group for group, one in some if one['open']] for some in others])
     result.notes += run.undetermined_findings()
+    result.notes += rounding_findings(run.obs.run.meta, result.noise_floor_arcsec)
 
     result = count_rows(result)
     add_page_figures(result)

@@ -207,8 +207,7 @@ def doubt_columns(result, findings):
     """
     doubts = [one for one in findings if one.kind == 'better reading'
               and one.after < _AS_WELL * result.after['rms_arcsec']]
-    sure = [one for one in findings if one.kind == 'coarse columns']
-    result.cautions = [*result.cautions, *sure, *doubts]
+    result.cautions = [*result.cautions, *doubts]
     for found in doubts:
         for effect in result.effects:
             effect.causes += [{
@@ -219,7 +218,7 @@ def doubt_columns(result, findings):
                 for one in effect.causes[:1] for text in found.causes]
         if result.verdict == 'identified':
             result.verdict = 'ambiguous'
-    return [replace(one, caution=False) for one in findings if one not in (*doubts, *sure)]
+    return [replace(one, caution=False) for one in findings if one not in doubts]
 
 
 def _causes(effects, delta_bic, groups):

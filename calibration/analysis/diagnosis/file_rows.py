@@ -41,6 +41,8 @@ class FileRows:
     where : str
         Prefix of messages: the name of the file.
     mount : Mount
+    assumed : bool
+        Whether nobody has said which mount it is.
     solved : Solved or None
         Celestial positions from which the catalogue angles were computed.
     reads_by_clock : bool
@@ -66,6 +68,7 @@ class FileRows:
         source = run.meta.get('source')
         self.where = f'{PurePath(str(source)).name}: ' if source else ''
         self.mount, self.solved = run.mount, run.meta.get('solved')
+        self.assumed = bool(run.meta.get('mount_assumed'))
         self.reads_by_clock = bool(run.meta.get('reads_by_clock'))
         self.held = not run.meta.get('raw_reading', True) and encoder == 'enc'
         self.rows_used = len(run)

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import DEG
 from pointing_model.runs.run import PointingRun
 
 from ..finding import Finding
@@ -53,6 +53,8 @@ _FITS = (0.05, 600.0)
 _BETTER, _LIKELIER = 1.25, 15.0
 #: radial RMS ratio for on-sky offsets given in a file: exchanged, they may fit one axis by chance
 _CLEARLY = 1.5
+#: the same for a mount said or taken to be a fork, read as a German one
+_FLEXED = 2.0
 #: noise ratio and log-likelihood if common effects are fitted, too (`usual` of the kind of mount)
 _WITH_EFFECTS = (1.15, 10.0)
 #: largest number of these effects fitted to the run as written, as an alternative to a mistake
@@ -66,10 +68,6 @@ _DAY = 18.0  # smallest span of azimuths in hours
 #: deg and rows: width in hour angle, length in declination and fewest rows of a strip along the
 #: meridian, which nobody observes
 _STRIP, _STRIP_LONG, _STRIP_ROWS = 13.0, 60.0, 12
-#: deg: what angles are rounded to, coarse first; share of the noise of an axis that is worth a
-#: word, and the most that rounding can have; deg: rounding of numbers in memory
-_UNITS = (1.0, 0.1, 1.0 / 60.0, 0.01, 15.0 / 3600.0, 1.0 / 600.0, 1e-3, 1.5 / 3600.0, 1.0 / 3600.0)
-_OF_NOISE, _MOST_OF_NOISE, _EXACT = 0.5, 1.5, 1e-9
 _FIELD = 2.0 * DEG  # columns of a run within a smaller field cannot be checked
 
 
@@ -168,7 +166,6 @@ class _RunCheck:
         # the mirror image fits exactly as well: no fit is needed
         out = ColumnCheck()
         out.alike = [] if self.rows.held else [MIRRORED.text(names=self.mount.names)]
-        out.findings += self._coarse(written)
         better = [other for other in others if self._is_better(other, written, others, out)]
         if better:
             better = _alike(better)
@@ -184,25 +181,16 @@ class _RunCheck:
                 'sizes_deg': _sizes(elsewhere), 'as_written_deg': _sizes(written)}))
         return out
 
-    def _coarse(self, written):
-        """A Finding if rounded columns make much of the noise, or none."""
-        if self.rows.held:
-            return []
-        steps = np.reshape([_unit(one) for one in self.rows.columns], (2, 2))
-        reach = np.sqrt(np.mean(np.cos(self.rows.columns[1])**2)), 1.0
-        noise = steps / np.sqrt(12.0) * reach
-        noise[noise > _MOST_OF_NOISE * written.sigma] = 0.0  # on a grid of exact angles
-        if not (np.hypot(*noise) > _OF_NOISE * written.sigma).any():
-            return []
-        return [Finding('coarse columns', steps[noise > 0.0].max() / ARCSEC, caution=True,
-                        after=float(np.sqrt(np.sum(noise**2))) / ARCSEC)]
-
     def _is_better(self, other, written, others, out):
         """Raise MistakenColumns if `other` is clearly right; return whether it is better."""
-        if other.reading.given and other.rms_arcsec > written.rms_arcsec / _CLEARLY:
+        # a fork's flexure may look like an unnoticed change of side
+        german = 'sideless' in other.reading.encoders and not self.mount.two_sided
+        least = _FLEXED if german else _CLEARLY if other.reading.given else 0.0
+        if other.rms_arcsec * least > written.rms_arcsec:
             return False
         if other.far_better_than(written, _BETTER, _LIKELIER) and other.rms_arcsec < _FITS[1]:
-            if self._is_clear(other.reading) or self._needed(other, written):
+            if (self.rows.assumed or not german) and (
+                    self._is_clear(other.reading) or self._needed(other, written)):
                 alike = _alike(others)
                 self._refuse(written, alike if other in alike else [other])
             if other.rms_arcsec < written.rms_arcsec / _BETTER or other.reading.elsewhere or (
@@ -283,13 +271,6 @@ class _RunCheck:
         raise MistakenColumns(
             f'{text}. Nothing was concluded; {advice}',
             [{'reading': fit.text, 'rms_arcsec': fit.rms_arcsec} for fit in fits], read, used)
-
-
-def _unit(angles):
-    """The coarsest unit of which all angles are multiples, rad; 0 if there is none."""
-    degrees = angles / DEG
-    return DEG * next((unit for unit in _UNITS if np.abs(
-        degrees - unit * np.rint(degrees / unit)).max() < _EXACT), 0.0)
 
 
 def _alike(fits):

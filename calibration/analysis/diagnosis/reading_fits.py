@@ -42,6 +42,7 @@ _LIMITS = (-5.0 * DEG, 90.1 * DEG)
 _HOPELESS = 5.0 * DEG  # first-order residual far above what large terms cause
 _ZENITH = 89.0 * DEG  # no run has most of its rows above
 _ONE_SIDE = 0.99  # resultant length of the first axis' offsets: all in one direction
+_SMALLER = 1.05  # ratio of radial RMS from which one is smaller
 _LOST = 7.0  # log-likelihood cost of a row that a reading places where no telescope points
 #: smallest size, rad, and largest log ratio, of a log-uniform prior on zero and tilt
 _SMALL, _MOST_OF_SIZES = 10.0 * ARCSEC, 8.0
@@ -131,10 +132,12 @@ class ReadingFit:
         """Whether this fit is far better than another.
 
         That is, its log-likelihood is more than `likeliest` higher, and its noise is more than
-        `least` times smaller, or it loses fewer rows, or has another clock or site.
+        `least` times smaller (its radial RMS is smaller, too: terms that fit a noisy axis spoil
+        the other), or it loses fewer rows, or has another clock or site.
         """
         times, likelier = self.better_than(other)
-        return likelier > likeliest and (times > least or self.lost < other.lost
+        smaller = times > least and self.rms_arcsec < other.rms_arcsec / _SMALLER
+        return likelier > likeliest and (smaller or self.lost < other.lost
                                          or self.reading.elsewhere)
 
     def explains(self):
@@ -259,7 +262,7 @@ class ReadingFits:
             or 'unturned' in names and not beyond.any()
             or 'folded' in names and abs(np.exp(1j * (az_enc - az)).mean()) > _ONE_SIDE
             or 'sideless' in names and (beyond.any() or self.rows.beyond is not None
-                                        or not self.rows.mount.two_sided))
+                                        or not self.rows.mount.celestial))
 
     def _places(self, reading, centred):
         """Usable positions of a reading, the zero subtracted, its mean log gain, rows lost."""

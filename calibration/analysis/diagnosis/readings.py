@@ -48,8 +48,8 @@ _MISTAKES = {
                  lambda a, e: (np.where(is_beyond(e), a + np.pi, a), e), (1.0, 1.0)),
     'folded': ('{e} {of} folded back to below 90 degrees where the {a} is 180 degrees on, through '
                'the pole', None, (1.0, 1.0)),
-    'sideless': ('{e} {of} folded back to below 90 degrees with the {a} of the star, where stars '
-                 'east of the meridian are observed through the pole', None, (1.0, 1.0)),
+    'sideless': ('a German mount, its {e} {of} folded back to below 90 degrees where stars east of '
+                 'the meridian are through the pole', None, (1.0, 1.0)),
     # equatorial mounts
     'ascension': ('right ascension in place of the {a} {of}', None, (1.0, 1.0)),
 }
@@ -128,6 +128,9 @@ class Reading:
     @property
     def advice(self):
         """What to do."""
+        if 'sideless' in self.encoders:
+            return ('if it is one, give --mount german and a column pier_side (east, west); else '
+                    '--mount equatorial')
         return ('observe without synchronising, or add up the offsets' if self.kind == 'syncs'
                 else 'set the columns right')
 

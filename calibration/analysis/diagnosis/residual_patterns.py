@@ -59,6 +59,12 @@ _FALL, _SIDE, _FREE = 3.0, 3, 6
 _OF_PLACE = ('direction', 'azimuth', 'first axis')
 #: robust sigmas from which a row is an outlier in the search for clusters
 _FAR = 4.0
+#: rows of one star err alike if their correlation is this many standard errors, and the errors of
+#: the terms are larger by this ratio
+_ALIKE, _LARGER = 5.0, 1.2
+#: RMS of rounding, relative to what a fit leaves: from the first on it is named; beyond the second
+#: the written values must be exact
+_MOSTLY, _EXACT = 0.7, 1.3
 #: radii, rad, of windows around a row: in direction, in azimuth
 _ABOUT, _ASIDE = (3.0 * DEG, 6.0 * DEG), (3.0 * DEG, 6.0 * DEG)
 #: lengths of windows in time, rows
@@ -167,7 +173,7 @@ def visit_findings(rows, visits):
 
 
 def memory_findings(rows, terms):
-    """Test whether consecutive rows are correlated; rows of one star within minutes are averaged.
+    """Test whether rows of one star within minutes err alike, and consecutive stars.
 
     Parameters
     ----------
@@ -178,7 +184,7 @@ def memory_findings(rows, terms):
     Returns
     -------
     list of Finding
-        One or none.
+        One of each, or none.
     """
     order, names = rows.sequence.order, rows.context.mount.names
     weights = np.ones((2, len(order))) if rows.sigma is None else 1.0 / rows.sigma
@@ -194,15 +200,40 @@ def memory_findings(rows, terms):
     place = np.argsort(first)
     means = np.zeros((*both.shape[:2], len(first)))
     np.add.at(means, (slice(None), slice(None), star), both)
-    means = (means / count)[:, :, place]
+    means = means / count
+    out = _of_one_star(both[0], means[0][:, star], count)
+    means = means[:, :, place]
     run = rows.sequence.run[order][first[place]]
     found = [(axis, *one) for axis, one in enumerate(lag_correlation(
         means[0], means[1:], run[1:] == run[:-1]))]
     found = [(axis, beyond) for axis, beyond, chance in found if chance < _BY_CHANCE]
-    return [Finding(
+    return [*out, Finding(
         'consecutive rows alike', max(beyond for _, beyond in found), unit='', caution=True,
         evidence={'terms': [names.index[axis] for axis, _ in found if names.index[axis] in terms],
-                  'axes': [names.axes[axis] for axis, _ in found]})] if found else []
+                  'axes': [names.axes[axis] for axis, _ in found]})] if found else out
+
+
+def _of_one_star(values, means, count):
+    """Finding on rows of one star that err alike: how much larger errors are than uncorrelated.
+
+    See Kish 1965, Survey Sampling, section 5.4.
+
+    Parameters
+    ----------
+    values, means : ndarray, shape (2, n)
+        Residuals, and the mean of the star of each.
+    count : ndarray of int
+        Rows of each star.
+    """
+    n, size = count.sum(), np.square(count).sum() / count.sum()
+    if n == len(count) or len(count) < 3:
+        return []
+    alike = 1.0 - np.square(values - means).sum() / np.square(values).sum() * n / (n - len(count))
+    ratio = float(np.sqrt(1.0 + (size - 1.0) * max(alike, 0.0)))
+    if alike * np.sqrt(len(count) * size * (size - 1.0)) < _ALIKE or ratio < _LARGER:
+        return []
+    return [Finding('rows of one star alike', ratio, unit='', caution=True,
+                    evidence={'r': float(alike)})]
 
 
 def jump_findings(rows, terms):
@@ -251,6 +282,29 @@ def jump_findings(rows, terms):
                     after=rms[1] / ARCSEC, caution=True, evidence={
                         'axis': names.axes[axis], 'word': rows.word,
                         'before': rows.lines[place.before], 'after': rows.lines[place.after]})]
+
+
+def rounding_findings(meta, left):
+    """Columns written in steps so coarse that rounding explains most of what a fit leaves.
+
+    Parameters
+    ----------
+    meta : dict
+        Of the run, with ``steps``: see `pointing_model.runs.columns.written_steps`.
+    left : float
+        Radial RMS corrected for degrees of freedom, arcsec.
+
+    Returns
+    -------
+    list of Finding
+        One or none.
+    """
+    steps = [one for one in meta.get('steps', ()) if one['rms_arcsec'] < _EXACT * left]
+    total = float(np.linalg.norm([one['rms_arcsec'] for one in steps]))
+    if total < _MOSTLY * max(left, 1e-9):
+        return []
+    return [Finding('coarse columns', total, after=left, caution=True, evidence={
+        'steps': [one for one in steps if one['rms_arcsec'] > 0.3 * total]})]
 
 
 def step_finding(rows, visits, least=0.0):

@@ -123,17 +123,23 @@ def refuse_hours(path, ra, dec, time, site):
             f'{len(ra)} rows are below the horizon, as hours {as_hours.sum()}; give degrees')
 
 
-def one_mount(table, name, cells):
-    """Refuse a column that names more than one mount.
+def one_mount(path, mounts):
+    """Refuse observations of more than one mount.
+
+    Parameters
+    ----------
+    path : Path
+    mounts : sequence of (str, object)
+        Place of each observation in the file, and the name of its mount; without one it counts
+        for none.
 
     Raises
     ------
     ValueError
-        It does; it names the first row of another mount.
+        It names the first observation of another mount.
     """
-    first = next((cell for cell in cells if cell), '')
-    for line, cell in zip(table.lines, cells):
-        if cell and cell != first:
-            raise ValueError(f'{table.path}, row {line}, column {name}: {cell[:40]!r}, but the '
-                             f'rows before are of {first[:40]!r}: a run is of one mount; split the '
-                             'file')
+    named = [(place, str(mount)[:40]) for place, mount in mounts if mount]
+    for place, mount in named:
+        if mount != named[0][1]:
+            raise ValueError(f'{path}: {place} is of mount {mount!r}, {named[0][0]} of '
+                             f'{named[0][1]!r}: a run is of one mount; split it')

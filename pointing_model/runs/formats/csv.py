@@ -129,7 +129,7 @@ def _take_column(table, header_name, cells, columns, meta, by_header, names):
                 int(i): 'is not -1, 0 or 1' for i in np.flatnonzero(
                     ~np.isin(columns[name], (-1.0, 0.0, 1.0)) & ~np.isnan(columns[name]))})
     elif header_name in ('mount', 'telescope'):
-        solve_columns.one_mount(table, header_name, cells)
+        solve_columns.one_mount(table.path, zip(map('row {}'.format, table.lines), cells))
     elif header_name in COLUMNS:
         meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
                              f'{column_name(header_name, names)}')

@@ -118,11 +118,11 @@ def read_exported(path, body, meta, options=(), altaz=False):
 
 
 def _declare(meta, place, reads):
-    """Declare the mount: German if it reads beyond the pole, else equatorial; angles in deg."""
+    """Declare a German mount if it reads beyond the pole; angles in deg."""
     place, reads = (np.array(pair) * DEG for pair in (place, reads))
     sound = np.isfinite(reads).all(axis=0)
-    german = read_beyond(Mount.equatorial(0.0, 'german'), place, reads, sound).any()
-    meta['mount_declared'] = 'german' if german else 'equatorial'
+    if read_beyond(Mount.equatorial(0.0, 'german'), place, reads, sound).any():
+        meta['mount_declared'] = 'german'
 
 
 def _move(rows, angles, day, options, meta):

@@ -32,6 +32,7 @@ from pointing_model.sky.site import SITE
 
 from ..columns.declarations import declare
 from ..columns.run_table import RunTable, numbered_runs, own_name
+from ..columns.solve_columns import one_mount
 
 _TEXT = ('star', 'block', 'run', 'pier_side')
 
@@ -81,7 +82,7 @@ def read_images(path):
             'row_names': {i: file.name for i, file in enumerate(files, 1)}}
     for name, value in common_site(path, mapping, headers).items():
         declare(meta, name, value, str(path))
-    one_mount_of(path, files, rows)
+    one_mount(path, ((file.name, row.pop('telescope', None)) for file, row in zip(files, rows)))
     _settle_frame(mapping, rows, reasons, meta)
     if mapping.mount is not None:
         meta['mount_declared'] = mapping.mount
@@ -150,25 +151,6 @@ def common_site(path, mapping, headers):
     if mapping.site and headers and first is None:
         raise ValueError(f'{path}: no image has the keywords of the site')
     return first or {}
-
-
-def one_mount_of(path, files, rows):
-    """Refuse images of several mounts.
-
-    Raises
-    ------
-    ValueError
-    """
-    first = None
-    for file, row in zip(files, rows):
-        mount = row.pop('telescope', None)
-        if mount is None:
-            continue
-        first = first or (mount, file)
-        if mount != first[0]:
-            raise ValueError(f'{path}: {file.name} is of mount {str(mount)[:40]!r}, '
-                             f'{first[1].name} of {str(first[0])[:40]!r}: a run is of one mount; '
-                             'split the folder')
 
 
 def _settle_frame(mapping, rows, reasons, meta):

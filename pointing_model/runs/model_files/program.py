@@ -36,10 +36,6 @@ class Program:
         Value of ``--to``.
     title : str
         Name for people.
-    reference : str
-        Source of its formulas.
-    suffix : str
-        Usual suffix of its files.
     own : callable
         column -> list of (the program's term, its coefficient for a unit of ours), or None if it
         has no such term.
@@ -58,8 +54,6 @@ class Program:
         Text -> whether it is such a file.
     geometry : {'rotation', 'first_order', None}
         Geometry of our model that is the same as the program's; None: neither, ours is fitted.
-    digits : str
-        Rounding of the file, for people.
     plain : tuple of str
         Terms whose coefficient is not an angle.
     whole : float
@@ -77,8 +71,6 @@ class Program:
 
     name: str
     title: str
-    reference: str
-    suffix: str
     own: Callable
     column: Callable
     candidates: tuple
@@ -87,7 +79,6 @@ class Program:
     read: Callable
     looks_like: Callable
     geometry: str | None
-    digits: str = ''
     plain: tuple = ()
     whole: float = 0.0
     otherwise: tuple = ()

@@ -234,6 +234,6 @@ def _looks_like(text):
 
 
 PROGRAM = Program(
-    'indi', 'INDI (SPK plug-in)', 'indilib/indi, libs/alignment/SPKMathPlugin.cpp and spk/pmfit.c',
-    '.xml', _OWN.get, lambda name: [(TERM_KEYS[name], float(_TERMS[name]))], tuple(_OWN),
-    spk.PROGRAM.encoder, _write, _read, _looks_like, None, '1e-9 degrees', for_mount=_for_mount)
+    'indi', 'INDI (SPK plug-in)', _OWN.get,
+    lambda name: [(TERM_KEYS[name], float(_TERMS[name]))], tuple(_OWN),
+    spk.PROGRAM.encoder, _write, _read, _looks_like, None, for_mount=_for_mount)

@@ -154,7 +154,7 @@ def _angle(path, line, name, word):
 
 
 PROGRAM = Program(
-    'katpoint', 'katpoint (VLBI Field System)', 'ska-sa/katpoint, katpoint/pointing.py', '.ini',
-    _OWN.get, lambda name: [(TERMS[name][0], float(TERMS[name][1]))],
+    'katpoint', 'katpoint (VLBI Field System)', _OWN.get,
+    lambda name: [(TERMS[name][0], float(TERMS[name][1]))],
     tuple(key for key in _OWN if 'power' not in str(key)), _encoder, _write, _read, _looks_like,
-    'first_order', '1e-12 degrees', SCALES)
+    'first_order', SCALES)

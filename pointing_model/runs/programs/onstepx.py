@@ -146,6 +146,5 @@ def _looks_like(text):
 
 
 PROGRAM = Program(
-    'onstepx', 'OnStepX', 'hjd1964/OnStepX, src/telescope/mount/coordinates/Align.hs.cpp', '.txt',
-    _OWN.get, _column, tuple(key for key in _OWN if key in KEY_TERMS), _encoder, _write, _read,
-    _looks_like, None, 'whole arcseconds', whole=ARCSEC, for_mount=_for_mount)
+    'onstepx', 'OnStepX', _OWN.get, _column, tuple(key for key in _OWN if key in KEY_TERMS),
+    _encoder, _write, _read, _looks_like, None, whole=ARCSEC, for_mount=_for_mount)

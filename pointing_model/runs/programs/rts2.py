@@ -212,6 +212,5 @@ def _extra(path, number, words):
 
 
 PROGRAM = Program(
-    'rts2', 'RTS2 gpoint', 'RTS2/rts2, lib/rts2tel/gpointmodel.cpp and python/rts2/gpoint.py',
-    '.model', _own, _column, _candidates(), first_order, _write, _read, _looks_like, 'first_order',
-    '1e-7 arcsec', for_mount=_for_mount)
+    'rts2', 'RTS2 gpoint', _own, _column, _candidates(), first_order, _write, _read, _looks_like,
+    'first_order', for_mount=_for_mount)

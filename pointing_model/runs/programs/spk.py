@@ -73,23 +73,15 @@ def _posture(aim, tel, sn, cn, side=1.0):
 
 def _drooped(roll, pitch, mount, tel, p, sn, cn, side=1.0):
     """The telescope vector with the droop at this roll and pitch."""
-    shape = np.shape(roll)
     az, el = _angles(mount.T @ _vector(roll, pitch))
     raised = mount @ _vector(az, el + p['pvd'] * np.cos(el))
-    a, b = _posture(raised, [np.broadcast_to(v, shape) for v in tel], sn, cn, side)
+    a, b = _posture(raised, tel, sn, cn, side)
     sa, ca, sb, cb = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
     # the drooped direction in the frame of the telescope: rotate back by roll, NP and pitch
     v = _vector(roll, pitch)
     x, y, z = ca * v[0] + sa * v[1], -sa * v[0] + ca * v[1], v[2]
     y, z = cn * y - sn * z, sn * y + cn * z
-    x, z = cb * x + sb * z, -sb * x + cb * z
-    r2 = tel[0]**2 + tel[1]**2
-    r = np.sqrt(r2)
-    w = x * tel[0] + y * tel[1]
-    d = (w + z * tel[2]) * r
-    xi, eta = (y * tel[0] - x * tel[1]) / d, (z * r2 - tel[2] * w) / d
-    f = np.sqrt(1.0 + xi**2 + eta**2)
-    return np.stack([(tel[0] - xi * tel[1]) / f, (tel[1] + xi * tel[0]) / f, eta / f])
+    return np.stack([cb * x + sb * z, y, -sb * x + cb * z])
 
 
 def _encoder(values, az, el, mount=ALTAZ, own=_OWN.get):
@@ -167,8 +159,6 @@ def _looks_like(text):
 
 
 PROGRAM = Program(
-    'spk', 'SPK (INDI)',
-    'P. T. Wallace 2002, SPIE 4848, 125; indilib/indi, libs/alignment/spk/vtel.c', '.c',
-    _OWN.get, lambda name: [(TERM_KEYS[_MEMBERS[name][0]], float(_MEMBERS[name][1]))],
-    tuple(_OWN), _encoder, _write, _read, _looks_like, None, '1e-7 arcsec',
-    for_mount=_for_mount)
+    'spk', 'SPK (INDI)', _OWN.get,
+    lambda name: [(TERM_KEYS[_MEMBERS[name][0]], float(_MEMBERS[name][1]))],
+    tuple(_OWN), _encoder, _write, _read, _looks_like, None, for_mount=_for_mount)

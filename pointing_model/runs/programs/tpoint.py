@@ -253,9 +253,8 @@ def _kernel(values, az, el):
 
 
 PROGRAM = Program(
-    'tpoint', 'TPOINT', 'P. T. Wallace 2002, SPIE 4848, 125; TPOINT manual, appendix of terms',
-    '.mod', _own, columns_of, _candidates(), rotations, _write, _read, _looks_like, 'rotation',
-    '1e-4 arcsec', otherwise=(
+    'tpoint', 'TPOINT', _own, columns_of, _candidates(), rotations, _write, _read, _looks_like,
+    'rotation', otherwise=(
         ('read to first order at the encoder angles (pytelpoint and others)',
          first_order_at_encoder),
         ('read by the rotations of SPK and TCSpk', _kernel)), for_mount=_for_mount)

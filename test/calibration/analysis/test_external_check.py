@@ -74,6 +74,14 @@ def test_halves_share_every_night():
     assert used.sum() == 30
 
 
+def test_rows_of_one_star_are_in_one_half():
+    run = make_run(3, 40)
+    run = run.select(np.repeat(np.arange(40), 3))
+    run.columns['time'] = 300.0 * np.repeat(np.arange(40), 3) + np.tile([0.0, 30.0, 60.0], 40)
+    used = split_half(run).reshape(40, 3)
+    assert np.array_equal(used.all(axis=1), used.any(axis=1)) and used.all(axis=1).sum() == 20
+
+
 def test_held_out_error_of_seven_terms_on_thirty_stars():
     held_out = [external_check(make_run(seed), seed=seed).radial for seed in range(60)]
     assert np.median(held_out) <= 1.08 * 2**0.5

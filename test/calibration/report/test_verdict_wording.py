@@ -34,7 +34,7 @@ from calibration.report.observation_wording import (
     serves_sentence,
 )
 from calibration.report.row_wording import signs_sentences
-from calibration.report.verdict_wording import Statement, verdict_sentences
+from calibration.report.verdict_wording import Statement, short_headline, verdict_sentences
 from pointing_model.effects import effect
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
@@ -109,6 +109,8 @@ def test_a_zero_that_wanders_evenly_has_its_rate_in_the_headline():
     headline, _ = verdict_sentences(told)
     assert headline.endswith(
         'the model lacks an effect of direction: the elevation error falls by 226″ an hour')
+    assert short_headline(told, ()).endswith(
+        'the zero drifts. An effect of direction or of each star explains it as well.')
     headline, _ = verdict_sentences({**told, 'wander': {**slow(62.6), 'along_the_sky': None}})
     assert headline == ('The zero drifts; the cause is unknown: the elevation error falls by 226″ '
                         'an hour')

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from places import CASES
 
+from calibration.analysis.diagnosis.mistaken_columns import MistakenColumns, check_columns
 from calibration.analysis.sky_model import origin_of_errors
 from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
@@ -88,6 +89,22 @@ def test_rows_of_an_unknown_side_are_placed_as_the_others_are(read, west, east, 
     run = read(sides)
     assert np.array_equal(is_beyond(run['el']), beyond) and right(run)
     assert any('8 of 60 rows: set by the hour angle in 8' in note for note in run.meta['notes'])
+
+
+@pytest.mark.parametrize('head, refused', [
+    ('', True), ('# mount: german\n', True), ('# mount: equatorial\n', False)])
+def test_a_german_mount_folded_without_sides_is_not_taken_for_a_fork(tmp_path, head, refused):
+    """Refused, unless the file says that it is a fork: a caution then."""
+    path = tmp_path / 'run.csv'
+    path.write_text(f'{head}# latitude_deg: 48\nha_deg,dec_deg,ha_enc_deg,dec_enc_deg\n' + ''.join(
+        ','.join(f'{v:.8f}' for v in row) + '\n' for row in folded()[0]))
+    run = read_run(path)
+    if refused:
+        with pytest.raises(MistakenColumns, match='a German mount, .*give --mount german'):
+            check_columns(run)
+        return
+    (found,) = check_columns(run).findings
+    assert found.caution and 'a German mount' in found.causes[0]
 
 
 @pytest.mark.parametrize('unknown', ['1', '-1'])

@@ -147,16 +147,6 @@ def test_a_mount_synchronised_on_each_star_is_named(offsets):
     assert 'added up' in reading['reading'] and 1.0 < reading['rms_arcsec'] < 2.0
 
 
-def test_angles_in_coarse_steps_are_a_caution_and_a_grid_is_none():
-    az, el, *read = TELESCOPES['squared']()
-    (coarse,) = check_columns(run_of((az, el, *(np.rint(one / DEG * 1e2) / 1e2 * DEG
-                                                for one in read)))).findings
-    assert '36.0″: that alone is 1' in wording(coarse) and coarse.caution
-    grid = [np.rint(one / DEG) * DEG for one in (az, el)]
-    assert not check_columns(run_of((*grid, *(one + place - old for one, place, old in zip(
-        read, grid, (az, el)))))).findings
-
-
 @pytest.mark.parametrize('unit', ['degrees', 'arcseconds'])
 @pytest.mark.parametrize('on_sky', [False, True])
 @pytest.mark.parametrize('name', ['mmt', 'crooked'])

@@ -33,8 +33,11 @@ from calibration.report.documents import fit_document
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.geometry import sky_to_encoder
+from pointing_model.model import PointingModel
+from pointing_model.model_application import axis_angles
 from pointing_model.mounts import ALTAZ, Mount, through_pole
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_reader import read_run
 
 GERMAN = Mount.equatorial(34.3 * DEG, 'german')
 
@@ -127,6 +130,57 @@ def test_what_is_said_after_a_step_is_said_beside_its_sessions():
     assert 'nothing moved between visits except the zeros of 2 sessions' in notes
 
 
+@pytest.mark.parametrize('shared, ratio', [(0.0, None), (4.0, 2.2)])
+def test_rows_of_one_star_that_err_alike_count_as_fewer(shared, ratio):
+    rng = np.random.default_rng(4)
+    run = make_run(rng, 24, noise=(shared, shared)).select(np.repeat(np.arange(24), 5))
+    for name, noise in zip(('az_enc', 'el_enc'), 0.5 * ARCSEC * rng.normal(size=(2, 120))):
+        run.columns[name] = run[name] + noise
+    run.columns['time'] = 30.0 * np.arange(120.0) + 300.0 * np.repeat(np.arange(24), 5)
+    found = [one for one in fit_run(run).findings if 'one star' in getattr(one, 'kind', '')]
+    assert len(found) == bool(ratio)
+    assert not ratio or found[0].size == pytest.approx(ratio, abs=0.1)
+
+
+@pytest.mark.parametrize('column, step, unit', [
+    ('az_enc_deg', 0.01, '36″'), ('az_enc_deg', 360.0 / 2**16, '19.8″'), ('el_deg', 1.0, None)])
+def test_coarse_readings_are_named_where_rounding_is_what_remains(tmp_path, column, step, unit):
+    run = make_run(np.random.default_rng(5), 50)
+    table = {f'{name}_deg': run[name] / DEG for name in ('az', 'el', 'az_enc', 'el_enc')}
+    moved = step * np.rint(table[column] / step) - table[column]
+    table[column] = table[column] + moved
+    if not unit:  # a grid of exact angles
+        table['el_enc_deg'] = table['el_enc_deg'] + moved
+    path = tmp_path / 'run.csv'
+    path.write_text('\n'.join([','.join(table), *(
+        ','.join(f'{v:.7f}' for v in row) for row in zip(*table.values()))]))
+    found = [wording(one) for one in fit_run(read_run(path)).findings
+             if 'coarse' in getattr(one, 'kind', '')]
+    assert len(found) == bool(unit)
+    assert not unit or f'{column} in steps of {unit}: rounding alone scatters' in found[0]
+
+
+def test_times_cut_off_to_the_second_are_named_and_exact_ones_are_not(tmp_path):
+    model, found = PointingModel({'IA': 60.0 * ARCSEC, 'AN': 20.0 * ARCSEC}), []
+    rng = np.random.default_rng(6)
+    time = 1.78e9 + np.cumsum(rng.uniform(60.0, 120.0, 60))
+    ra, dec = rng.uniform(0.0, 360.0, (2, 60))
+    dec = 20.0 + dec / 6.0
+    for true in (time, np.floor(time)):
+        az, el, height = axis_angles(ALTAZ, ra, dec, true, latitude_deg=48.0, longitude_deg=11.0)
+        az_enc, el_enc = (v / DEG for v in model.sky_to_encoder(az * DEG, el * DEG))
+        el_enc = el_enc + rng.normal(0.0, 1.0 / 3600.0, 60)
+        path = tmp_path / 'run.csv'
+        path.write_text('# latitude_deg: 48\n# longitude_deg: 11\n# frame: ICRS\n'
+                        'time,ra_deg,dec_deg,az_enc_deg,el_enc_deg\n' + ''.join(
+                            f'{t:.0f},{a:.7f},{d:.7f},{x:.7f},{y:.7f}\n'
+                            for t, a, d, x, y, h in zip(np.floor(time), ra, dec, az_enc, el_enc,
+                                                        height) if h > 10.0))
+        found.append([wording(one) for one in fit_run(read_run(path)).findings
+                      if 'coarse' in getattr(one, 'kind', '')])
+    assert not found[1] and 'time in steps of 1 s' in found[0][0]
+
+
 def test_where_nothing_moved_the_noise_is_told():
     found = fit_run(two_passes(size=0.0))
     (again,) = [one for one in found.findings if 'visited again' in getattr(one, 'kind', '')]
@@ -169,7 +223,8 @@ def remembering(seed, rho, exposures=1):
 
 def memory_of(run):
     fit = fit_terms(run)
-    return memory_findings(ResidualRows.from_fit(run, fit), fit.names)
+    return [one for one in memory_findings(ResidualRows.from_fit(run, fit), fit.names)
+            if one.kind == 'consecutive rows alike']
 
 
 def test_consecutive_rows_that_err_alike_are_told_of():

@@ -51,7 +51,7 @@ def apart(one, other, el):
 
 
 def back(tmp_path, exported):
-    path = tmp_path / f'model{exported.program.suffix}'
+    path = tmp_path / f'model.{exported.program.name}'
     path.write_text(exported.text)
     return read_model(path)
 
