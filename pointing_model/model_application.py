@@ -221,10 +221,7 @@ def zeros_of_rows(model, wanted=NEWEST, run=None):
     if wanted == NO_ZEROS:
         return (0.0, 0.0), []
     if wanted != NEWEST:
-        try:
-            number = float(wanted)
-        except ValueError:
-            raise ValueError(f'zero {wanted}: write newest, none or the number of a run') from None
+        number = float(wanted)
         if number not in known:
             there = ', '.join(f'{n:g}' for n in known) or 'none'
             raise ValueError(f'the model carries no zero of run {number:g}; it has: {there}')

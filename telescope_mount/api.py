@@ -131,6 +131,11 @@ class _Found:
         """Rows that were used and are not outliers, ndarray of bool, shape (n,)."""
         return self.result.weights > 0.0
 
+    @property
+    def rms_before_arcsec(self):
+        """Radial RMS on the sky, arcsec: of the raw errors, for a diagnosis of its terms alone."""
+        return self.document['before']['rms_arcsec']
+
     def save(self, path):
         """Write the model (.json, .yaml), like ``--save`` of the command."""
         self.model.save(path)
@@ -168,11 +173,6 @@ class Fit(_Found):
         Those that are not fixed at zero stand for the sum of all of them on these stars.
         """
         return self.result.undetermined
-
-    @property
-    def rms_before_arcsec(self):
-        """Radial RMS on the sky of the raw errors, arcsec."""
-        return self.document['before']['rms_arcsec']
 
     @property
     def rms_arcsec(self):
@@ -233,11 +233,6 @@ class RunDiagnosis(_Found):
     def effects(self):
         """One dict per effect: ``name``, ``coefficients_arcsec``, ``p_family``, ..."""
         return self.document['effects']
-
-    @property
-    def rms_before_arcsec(self):
-        """Radial RMS on the sky with the declared model on the fitted rows, arcsec."""
-        return self.document['before']['rms_arcsec']
 
     @property
     def rms_after_arcsec(self):

@@ -30,7 +30,7 @@ from pointing_model.model_application import zeros_of_rows
 from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.model_files import coefficient_table
-from pointing_model.runs.model_files.transfer import export
+from pointing_model.runs.model_files.transfer import export, program_for
 from pointing_model.runs.model_reader import read_model
 from pointing_model.runs.programs import PROGRAMS
 from pointing_model.runs.programs.katpoint import description
@@ -63,10 +63,9 @@ class ModelExport:
 
     def to_dict(self):
         """JSON-ready."""
-        if self.exported is None:
-            return {'program': self.program, 'held': True, 'file': str(self.path),
-                    'notes': self.notes}
-        return {**self.exported.to_dict(), 'file': str(self.path), 'notes': self.notes}
+        exported = self.exported.to_dict() if self.exported else {}
+        return {'program': self.program, 'held': True, **exported, 'file': str(self.path),
+                'notes': self.notes}
 
 
 #: number of parts of a model without a term there that are listed
@@ -142,8 +141,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
 def _beyond(model, program, side):
     """Side of the pier for a file without sides, and notes on it."""
     mount = model.mount
-    if not (mount.two_sided and program.for_mount is not None
-            and program.for_mount(mount).one_sided):
+    if not (mount.two_sided and program_for(program, mount).one_sided):
         if side:
             raise ValueError(f'--side {side}: does not apply to {program.title} models of this '
                              'mount; leave it out')
@@ -155,21 +153,18 @@ def _beyond(model, program, side):
                                 'load another file on the other side']
     if mount.on_sky:
         return None, []
-    # terms whose effect changes with the side
-    sizes = {name: (model.terms.get(name, 0.0), float(error)) for name, error in zip(
-        model.terms, model.sigmas) if name in ('CH', 'NP', 'ID')}
-    named = {name: f'{name} is {value / ARCSEC:+.1f} +- {error / ARCSEC:.1f} arcsec'
-             for name, (value, error) in sizes.items()}
-    large = [name for name, (value, error) in sizes.items()
-             if name != 'ID' and not abs(value) <= error]
+    # terms whose effect changes with the side, and are not zero
+    large = {name: f'{name} is {value / ARCSEC:+.1f} +- {error / ARCSEC:.1f} arcsec'
+             for (name, value), error in zip(model.terms.items(), model.sigmas)
+             if name in ('CH', 'NP', 'ID') and not abs(value) <= error}
+    zero = large.pop('ID', '')
     if large:
         raise ValueError(
             f'{program.title} models have no pier side, one CH and no NP, but here '
-            f'{", ".join(named[name] for name in large)}. Write one file per side (--side east, '
-            '--side west), or correct with the INDI bridge of telescope-mount (docs/indi.md)')
-    return None, ['valid on both pier sides: CH and NP are within one sigma of zero'
-                  + (f'; {named["ID"]}, which changes with the side too: set that zero on a star'
-                     if 'ID' in named and abs(sizes['ID'][0]) > sizes['ID'][1] else '')]
+            f'{", ".join(large.values())}. Write one file per side (--side east, --side west), '
+            'or correct with the INDI bridge of telescope-mount (docs/indi.md)')
+    return None, ['valid on both pier sides: CH and NP are within one sigma of zero' + (
+        f'; {zero}, which changes with the side too: set that zero on a star' if zero else '')]
 
 
 def _open_notes(model):

@@ -216,10 +216,8 @@ def _patterns(run, result, terms, how):
                        after=after.rms_arcsec().radial)]
     elif not how['run_zeros']:
         out += jump_findings(rows, terms)
-    kept = 2 * np.count_nonzero(result.weights > 0.0)
-    left = result.rms_arcsec(False).radial * np.sqrt(kept / max(kept - len(terms), 1))
     return [*out, *memory_findings(rows, terms), *cluster_findings(rows),
-            *rounding_findings(run.meta, left)]
+            *rounding_findings(run.meta, float(np.hypot(*result.scatter)) / ARCSEC)]
 
 
 def one_of_runs(run, number=None, zeros_known=False):

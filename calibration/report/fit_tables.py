@@ -76,7 +76,8 @@ def fit_tables(found, document, verbose=True, files=0):
     details = [*left_out_lines(document['excluded'], word=document['rows_are']), *notes]
     if found.origin is not None:
         details.append(f'sides of the pier: {origin_sentence(found.origin)}')
-    strong = _strong_correlations(result)
+    strong = ', '.join(f'{" ".join(one["terms"])} {one["value"]:+.3f}'
+                       for one in document['correlations'] if abs(one['value']) > 0.9)
     statistics = [
         f'sigma from the {result.covariance_from.removeprefix("measured ")}; '
         f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}, '
@@ -136,10 +137,3 @@ def predicting_tables(found, mount):
                 for key in ('x', 'y', 'radial')}))
     errors.add_row('prediction, fit residuals', *rms_cells(found.fitted._asdict()))
     return [errors, *([chosen] if found.parts else []), *map(wording, found.findings())]
-
-
-def _strong_correlations(result):
-    matrix = result.correlations
-    return ', '.join(
-        f'{a} {b} {matrix[i, j]:+.3f}' for i, a in enumerate(result.names)
-        for j, b in enumerate(result.names[:i]) if abs(matrix[i, j]) > 0.9)

@@ -44,9 +44,9 @@ def add(commands):
                         'column time')
     parser.add_argument('--set', action='append', default=[], metavar='COLUMN=VALUE', dest='given',
                         help='value of a column in all rows, such as temperature_c=4.5')
-    parser.add_argument('--zero', default='newest', metavar='WHICH', help='zero of the model: '
-                        'newest (default; by row, if there is a column run), none, or the number '
-                        'of a run')
+    parser.add_argument('--zero', type=options.zero, default='newest', metavar='WHICH',
+                        help='zero of the model: newest (default; by row, if there is a '
+                        'column run), none, or the number of a run')
     options.add(parser, 'latitude', 'longitude', 'height', 'pressure', 'temperature')
     options.add(parser, 'equinox', help='of ra_deg, dec_deg: J2000 (default, with the ICRS), or '
                 'apparent places of date')

@@ -54,8 +54,9 @@ def add(commands):
                         help='refit what the program cannot '
                         'represent over the directions of this run (default: a uniform sky '
                         'above 20 degrees)')
-    parser.add_argument('--zero', metavar='WHICH', help='zero of the model to add to its index '
-                        'terms: newest, or the number of a run (default: none)')
+    parser.add_argument('--zero', type=options.zero, metavar='WHICH',
+                        help='zero of the model to add to its index terms: newest, or the '
+                        'number of a run (default: none)')
     parser.add_argument('--side', choices=('east', 'west'), help='side of the pier, for --to indi '
                         'of a German mount: INDI stores none (west: through the pole)')
     options.add_json(parser, 'what was written (with --to: what is held and lost)')

@@ -109,6 +109,13 @@ def gap_hours(text):
         raise ValueError(f'{text!r}: write a number of hours, auto or none') from None
 
 
+def zero(text):
+    """A type for ``add_argument``: newest, none, or the number of a run."""
+    if text not in ('newest', 'none') and not text.lstrip('-').isdigit():
+        raise argparse.ArgumentTypeError(f'{text!r}: write newest, none or the number of a run')
+    return text
+
+
 def names(text):
     """The names in a comma-separated list."""
     return tuple(name.strip() for name in text.split(',') if name.strip())

@@ -203,7 +203,7 @@ MISTAKES = [
     ('a date for --since', 'season run.csv --since yesterday', 'yesterday'),
     ('a driver without a value', 'apply good.json run.csv --set wind', '--set wind',
      'COLUMN=VALUE'),
-    ('a zero of no kind', 'apply model.json run.csv --zero last', '--zero last', 'newest'),
+    ('a zero of no kind', 'apply model.json run.csv --zero last', "--zero: 'last'", 'newest'),
     ('a topic that is not there', 'export bag out --topics speed', 'speed', 'it has'),
     ('a time in words', 'export bag out.csv --start dusk', "'dusk'", '2026-01-15T13:00:00'),
     ('a program that is none', 'export model.json out.dat --to tpiont', 'did you mean tpoint'),

@@ -107,9 +107,10 @@ def _guess(columns):
         if at < len(columns) and holds(columns[at]):
             names, at = [*names, name], at + 1
     numeric = [np.array(c, float) if all(map(is_number, c)) else None for c in columns[at:at + 4]]
-    pair, text, mount = ('az', 'el'), '', []
+    pair, readings, text, mount = ('az', 'el'), None, '', []
     if len(numeric) == 4 and not any(c is None for c in numeric):
         first, second, third, fourth = numeric
+        text = 'assumed from their ranges: places, then what the encoders read, in degrees'
         with np.errstate(invalid='ignore'):
             away = np.abs(np.remainder(third - first + 180.0, 360.0) - 180.0)
             near = [np.nanmedian(np.abs(fourth - second)) < _SMALL,
@@ -120,12 +121,9 @@ def _guess(columns):
             if not any(near) and max(np.nanmax(np.abs(third)), np.nanmax(np.abs(fourth))) < max(
                     np.nanmax(np.abs(first)), 1.0) * 60.0 and np.nanmedian(away) > _SMALL:
                 text = ('assumed from their ranges: places in degrees, then offsets in arcsec')
-                names += [f'{axis}_deg' for axis in pair] + ['x_arcsec', 'y_arcsec']
-        if not text:
-            names += [f'{axis}{part}_deg' for part in ('', '_enc') for axis in pair]
-            text = ('assumed from their ranges: places, then what the encoders read, in degrees')
-    else:
-        names += ['az_deg', 'el_deg', 'az_enc_deg', 'el_enc_deg']
+                readings = ['x_arcsec', 'y_arcsec']
+    names += [f'{axis}_deg' for axis in pair]
+    names += readings or [f'{axis}_enc_deg' for axis in pair]
     for i, column in enumerate(columns[len(names):], len(names)):
         side = {cell.lower().removeprefix('pier') for cell in column} <= {'east', 'west', 'e', 'w'}
         names.append('pier_side' if side else f'column_{i + 1}')

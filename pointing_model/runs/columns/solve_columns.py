@@ -67,30 +67,23 @@ def flag_scales(table):
         if sound.sum() < 3:
             continue
         usual = np.median(values[sound])
-        if name == PARITY:
-            odd = sound & (np.sign(values) != np.sign(usual))
-            text = 'its solution is mirrored, the others are not: a false solve, or a flipped image'
-        else:
-            odd = sound & ~(np.abs(values - usual) <= _SCALE * abs(usual))
-            text = ''
-        if not odd.any():
-            continue
+        odd = sound & (np.sign(values) != np.sign(usual)) if name == PARITY else \
+            sound & ~(np.abs(values - usual) <= _SCALE * abs(usual))
+        other = np.median(values[odd]) if odd.any() else usual
         if odd.sum() > sound.sum() / 3:
             notes.append(f'{name} differs in {odd.sum()} of {sound.sum()} solutions: several '
                          'cameras or binnings? No row excluded')
-            continue
-        if text:
-            table.exclude(odd, text)
-            continue
-        other = np.median(values[odd])
-        if odd.sum() >= 3 and np.all(np.abs(values[odd] - other) <= _LIKE * abs(other)):
+        elif name == PARITY:
+            table.exclude(odd, 'its solution is mirrored, the others are not: a false solve, or a '
+                               'flipped image')
+        elif odd.sum() >= 3 and np.all(np.abs(values[odd] - other) <= _LIKE * abs(other)):
             notes.append(f'{odd.sum()} solutions have a scale of {other:.4g} arcsec a pixel, the '
                          f'others {usual:.4g}: another camera or binning?')
-            continue
-        for i in np.flatnonzero(odd):
-            flipped = ' (opposite sign)' if values[i] * usual < 0.0 else ''
-            table.exclude_row(i, f'image scale {values[i]:.4g} arcsec/pixel{flipped}, in the other '
-                              f'solutions {usual:.4g}: a false solve')
+        else:
+            for i in np.flatnonzero(odd):
+                flipped = ' (opposite sign)' if values[i] * usual < 0.0 else ''
+                table.exclude_row(i, f'image scale {values[i]:.4g} arcsec/pixel{flipped}, in the '
+                                  f'other solutions {usual:.4g}: a false solve')
 
 
 def may_be_hours(degrees):

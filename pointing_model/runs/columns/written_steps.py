@@ -34,6 +34,9 @@ def note_steps(table):
     of rounding to such steps.
     """
     columns, sound = table.columns, table.reasons == 0
+    steps = table.meta['steps'] = []
+    if sound.sum() < _FEWEST:
+        return
     reach = {'el': 1.0, 'dec_deg': 1.0, 'el_enc': 1.0}
     for first, second in (('az', 'el'), ('az_enc', 'el_enc'), ('ra_deg', 'dec_deg'),
                           ('ra_enc_deg', 'el_enc')):
@@ -41,14 +44,11 @@ def note_steps(table):
             reach[first] = float(np.sqrt(np.mean(np.cos(columns[second][sound])**2)))
     if 'ra_deg' in columns and not {'ra_enc_deg', 'lst_given'} & set(columns):
         reach['time'] = reach['ra_deg'] * _TURNING
-    steps = table.meta['steps'] = []
-    for name, arcsec in reach.items():
-        values, clock = columns.get(name), name == 'time'
-        if values is None or sound.sum() < _FEWEST:
-            continue
-        away = (values[sound] - values[sound][0]) / (1.0 if clock else ARCSEC)
+    for name in filter(columns.__contains__, reach):
+        values, clock = columns[name][sound], name == 'time'
+        away = (values - values[0]) / (1.0 if clock else ARCSEC)
         step = next((one for one in (_TIMES if clock else _ANGLES) if np.all(
             np.abs(away / one - np.rint(away / one)) < _TOLERANCE)), None)
         if step is not None:
             steps.append({'column': table.label(name), 'step': step, 'unit': ' s' if clock else '″',
-                          'rms_arcsec': step * arcsec / np.sqrt(12.0)})
+                          'rms_arcsec': step * reach[name] / np.sqrt(12.0)})

@@ -190,15 +190,10 @@ def _sexagesimal(rows, name, cells):
 
 def _four_angles(body):
     """Cells of rows with four angles in fixed columns, possibly without blanks between them."""
-    cells = []
     places = next((len(match.group(1)) for _, line in body
                    for match in [re.match(r'[-+]?\d+\.(\d+)', line.strip())] if match), 6)
-    for _, line in body:
-        row = line.split()
-        if len(row) < 4:
-            row = re.findall(rf'[-+]?\d+\.\d{{{places}}}', line)
-        cells.append(row)
-    return cells
+    return [line.split() if len(line.split()) >= 4 else re.findall(
+        rf'[-+]?\d+\.\d{{{places}}}', line) for _, line in body]
 
 
 def read_short(path, body, meta):

@@ -51,7 +51,7 @@ class Program:
     read : callable
         ``(path, text)`` -> `ModelFile`.
     looks_like : callable
-        Text -> whether it is such a file.
+        Text -> true if it is such a file.
     geometry : {'rotation', 'first_order', None}
         Geometry of our model that is the same as the program's; None: neither, ours is fitted.
     plain : tuple of str
@@ -132,6 +132,13 @@ class Sheet:
     rms_arcsec: float = 0.0
     site: tuple | None = None
     beyond: bool | None = None
+
+
+def spread(count, low, high=0.5 * np.pi):
+    """Azimuths and elevations spread evenly over the sky between two elevations, radians."""
+    i = np.arange(count)
+    height = np.sin(low) + (np.sin(high) - np.sin(low)) * (i + 0.5) / count
+    return np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height)
 
 
 def first_order(values, az, el, mount=ALTAZ):

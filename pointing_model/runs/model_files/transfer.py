@@ -25,7 +25,7 @@ from pointing_model.mounts import ALTAZ, is_beyond, through_pole
 from pointing_model.pointing_terms import stacked_design
 from pointing_model.rms import rms
 
-from .program import Program, Sheet, model_of, rotations
+from .program import Program, Sheet, model_of, rotations, spread
 from .term_columns import KEY_TERMS, TERM_KEYS, model_columns, on_sky
 
 #: a smaller loss counts as none, arcsec
@@ -60,9 +60,7 @@ def uniform_sky(count=600, mount=ALTAZ):
 
     For a German mount each is on the side where the counterweight is down.
     """
-    i = np.arange(count)
-    height = np.sin(_LOWEST) + (1.0 - np.sin(_LOWEST)) * (i + 0.5) / count
-    az, el = np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height)
+    az, el = spread(count, _LOWEST)
     if mount.vertical:
         return Context(az, el)
     ha, dec = mount.axes_of(az, el)
@@ -74,15 +72,15 @@ def difference(one, other, el):
     return np.stack([wrap(one[0] - other[0]) * np.cos(el), wrap(one[1] - other[1])])
 
 
-def loss_of(target, program, values, sky):
+def loss_of(target, encoder, values, sky):
     """Difference of a program's model from given encoder angles.
 
     Parameters
     ----------
     target : ndarray, shape (2, n)
         Encoder angles, radians.
-    program : Program or callable
-        A callable like `Program.encoder`.
+    encoder : callable
+        See `Program.encoder`.
     values : dict
     sky : Context
 
@@ -90,7 +88,6 @@ def loss_of(target, program, values, sky):
     -------
     ExportLoss
     """
-    encoder = program.encoder if isinstance(program, Program) else program
     left = difference(target, encoder(values, sky.az, sky.el), sky.el) / ARCSEC
     good = np.isfinite(left).all(axis=0)
     size = np.hypot(*left[:, good])
@@ -213,7 +210,7 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
     lacking = [key for key in values if program.own(key) is None]
     left += [_column_name(key) for key in lacking]
     taken = {key: value for key, value in values.items() if key not in lacking}
-    direct, still_direct = (loss_of(to, program, taken, sky) for to in (target, aim))
+    direct, still_direct = (loss_of(to, program.encoder, taken, sky) for to in (target, aim))
     refitted, added = False, []
     # rotations in another order than ours always need a refit
     if program.geometry is None or not still_direct.largest <= HELD:
@@ -238,10 +235,10 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
     # compare what the file holds, with its rounding
     found = program.read('the exported file', text)
     read = _column_values(program, found.terms)
-    loss, elsewhere = loss_of(target, program, read, sky), None
+    loss, elsewhere = loss_of(target, program.encoder, read, sky), None
     if given:
-        elsewhere = loss_of(np.stack(still.sky_to_encoder(whole.az, whole.el)), program, read,
-                            whole)
+        elsewhere = loss_of(np.stack(still.sky_to_encoder(whole.az, whole.el)), program.encoder,
+                            read, whole)
     notes = list(found.notes)
     if found.sigma and not any(errors.values()):
         notes.append('the sigmas in the file are 0: ' + (
@@ -413,4 +410,4 @@ def imported(program, found, source=''):
         values, az, el, program.mount))
     values = _solved(ours, target, values, sky)
     return model_of(values, sigma, 'rotation', provenance, program.mount), loss_of(
-        target, ours, values, sky)
+        target, ours.encoder, values, sky)

@@ -37,7 +37,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, ON_SKY, sides
 
 from ..columns.cell_values import sexagesimal
-from ..model_files.program import ModelFile, Program, for_celestial
+from ..model_files.program import ModelFile, Program, for_celestial, spread
 from ..model_files.term_columns import TERM_KEYS, on_sky
 from . import spk
 
@@ -49,7 +49,7 @@ _EQUATORIAL = {'IH': -1, 'ID': -1, 'ME': -1, 'MA': -1, 'CH': -1, 'TF': 1}
 _HOUR = 15.0 * DEG
 #: Julian date of all points written; only the sidereal time depends on it
 _DATE = 2461041.5
-_POINTS, _LOW, _HIGH = 30, 20.0 * DEG, 70.0 * DEG
+_SPREAD = 30, 20.0 * DEG, 70.0 * DEG  # points, and their lowest and highest elevation
 _STEPS = 20
 _FAR = 1.0 * DEG
 _FIELDS = ('ObservationJulianDate', 'RightAscension', 'Declination', 'TelescopeDirectionVectorX',
@@ -63,7 +63,7 @@ def _sidereal(date, longitude):
 
 def _write(sheet):
     latitude, longitude = _site(sheet)
-    az, el = _spread()
+    az, el = spread(*_SPREAD)
     wanted = {TERM_KEYS[name]: sign * sheet.terms.get(name, 0.0) for name, sign in _TERMS.items()}
     a, e = _made(wanted, az, el, spk.PROGRAM.encoder)
     ha, dec = erfa.ae2hd(az, el, latitude)
@@ -76,13 +76,6 @@ def _site(sheet):
         raise ValueError('INDI keeps its points in right ascension: give the site (--latitude, '
                          '--longitude)')
     return sheet.site
-
-
-def _spread(count=_POINTS):
-    """Directions spread over the sky."""
-    i = np.arange(count)
-    height = np.sin(_LOW) + (np.sin(_HIGH) - np.sin(_LOW)) * (i + 0.5) / count
-    return np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height)
 
 
 def _made(wanted, first, second, encoder, mount=ALTAZ):
@@ -204,7 +197,7 @@ def _for_mount(mount):
 
     def write(sheet):
         latitude, longitude = _site(sheet)
-        ha, dec = erfa.ae2hd(*_spread(2 * _POINTS), latitude)
+        ha, dec = erfa.ae2hd(*spread(2 * _SPREAD[0], *_SPREAD[1:]), latitude)
         if sheet.beyond is not None:  # with the counterweight down
             ha, dec = (v[(ha < 0.0) == sheet.beyond] for v in (ha, dec))
         wanted = {(name, ()): sign * sheet.terms.get(name, 0.0)
@@ -229,10 +222,7 @@ def _for_mount(mount):
     return replace(made, mount=mount.with_errors(ON_SKY)) if mount.two_sided else made
 
 
-def _looks_like(text):
-    return '<INDIAlignmentDatabase' in text[:2000]
-
-
+_looks_like = re.compile('<INDIAlignmentDatabase').search
 PROGRAM = Program(
     'indi', 'INDI (SPK plug-in)', _OWN.get,
     lambda name: [(TERM_KEYS[name], float(_TERMS[name]))], tuple(_OWN),

@@ -45,20 +45,12 @@ _OWN = {key: [(name, float(sign))] for name, (key, sign) in _TERMS.items()}
 for _name, (_result, _angle) in _WAVES.items():
     for _f in ('cos', 'sin'):
         _OWN.setdefault(column(_result, (_f, _angle, 1)), [(f'{_name} {_f}', 1.0)])
+_COLUMNS = {name: [(key, sign)] for key, [(name, sign)] in _OWN.items()}
 #: the same for an equatorial mount. dfCor is for a fork; on a German mount it is flexure of the
 #: declination axis that changes the declination, for which there is no term here
 _EQUATORIAL = {'ax1Cor': ('IH', -1), 'ax2Cor': ('ID', 1), 'altCor': ('ME', 1), 'azmCor': ('MA', 1),
                'doCor': ('CH', 1), 'pdCor': ('NP', -1), 'dfCor': ('FO', 1), 'tfCor': ('TF', -1)}
 _INDEX = tuple(TERM_KEYS[name] for name in ('IA', 'IE'))
-
-
-def _column(name):
-    if name in _TERMS:
-        key, sign = _TERMS[name]
-        return [(key, float(sign))]
-    wave, f = name.split(' ')
-    result, angle = _WAVES[wave]
-    return [(column(result, (f, angle, 1)), 1.0)]
 
 
 def _encoder(values, az, el, mount=ALTAZ, index=_INDEX):
@@ -89,7 +81,7 @@ _ROW = re.compile(r':SX0(\w),([^#]*)#')
 
 
 def _read(path, text):
-    given, notes = {}, []
+    given = {}
     for number, line in enumerate(text.splitlines(), 1):
         line = line.strip()
         if not line.startswith(':'):
@@ -97,15 +89,11 @@ def _read(path, text):
         match = _ROW.fullmatch(line)
         if not match:
             raise ValueError(f'{path}, row {number}: {line[:40]!r} is no command :SX0n,value#')
-        if match[1] == '9':
-            continue
-        if match[1] == '7':
-            if number_of(path, number, 'dfCor', match[2]):
-                raise ValueError(f'{path} is a model of an equatorial mount (:SX07, flexure of the '
-                                 'declination axis); these models are of alt-azimuth mounts')
+        if match[1] == '9' or match[1] == '7' and not number_of(path, number, 'dfCor', match[2]):
             continue
         if match[1] not in _COMMANDS:
-            raise ValueError(f'{path}, row {number}: :SX0{match[1]} sets no coefficient')
+            raise ValueError(f'{path}, row {number}: :SX0{match[1]} sets no coefficient that is '
+                             'read (7: flexure of the declination axis of an equatorial mount)')
         name = _COMMANDS[match[1]]
         if name in given:
             raise ValueError(f'{path}, row {number}: {name} is there twice')
@@ -120,7 +108,7 @@ def _read(path, text):
                 key = column(_WAVES[wave][0], (f, _WAVES[wave][1], 1))
                 for name, share in _OWN[key]:
                     out[name] = out.get(name, 0.0) + share * value
-    return ModelFile(out, {}, notes)
+    return ModelFile(out)
 
 
 def _for_mount(mount):
@@ -141,10 +129,7 @@ def _for_mount(mount):
         encoder=lambda values, az, el: _encoder(values, az, el, mount, index))
 
 
-def _looks_like(text):
-    return bool(re.search(r'^:SX0\w,', text, re.MULTILINE))
-
-
+_looks_like = re.compile(r'^:SX0\w,', re.MULTILINE).search
 PROGRAM = Program(
-    'onstepx', 'OnStepX', _OWN.get, _column, tuple(key for key in _OWN if key in KEY_TERMS),
+    'onstepx', 'OnStepX', _OWN.get, _COLUMNS.get, tuple(key for key in _OWN if key in KEY_TERMS),
     _encoder, _write, _read, _looks_like, None, whole=ARCSEC, for_mount=_for_mount)

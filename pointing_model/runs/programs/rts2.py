@@ -118,32 +118,26 @@ def _candidates():
             *(key for key in dict.fromkeys(out) if _own(key)))
 
 
-def _write(sheet):
-    rows = [f'# {sheet.caption}', 'RTS2_ALTAZ ' + ' '.join(
-        f'{sheet.terms.get(name, 0.0) / ARCSEC:.7f}"' for name in _LINE)]
+def _write(sheet, head='RTS2_ALTAZ', line=_LINE):
+    rows = [f'# {sheet.caption}', f'{head} ' + ' '.join(
+        f'{sheet.terms.get(name, 0.0) / ARCSEC:.7f}"' for name in line)]
     for name, value in sheet.terms.items():
-        if name not in _LINE:
+        if name not in line:
             axis, *rest = name.split(' ')
             rows.append('\t'.join([axis.upper(), f'{value / ARCSEC:.7f}"', *rest]))
     return '\n'.join(rows) + '\n'
 
 
-def _write_gem(sheet):
-    # RTS2's C++ accepts any name but RTS2_ALTAZ, its Python accepts both
-    return f'# {sheet.caption}\nRTS2_MODEL ' + ' '.join(
-        f'{sheet.terms.get(name, 0.0) / ARCSEC:.7f}"' for name in _GEM) + '\n'
-
-
 def _for_mount(mount):
     """gpoint for an equatorial mount: nine terms, to first order."""
     return for_celestial(
-        PROGRAM, mount, _GEM, write=_write_gem,
+        # RTS2's C++ accepts any name but RTS2_ALTAZ, its Python accepts both
+        PROGRAM, mount, _GEM, write=lambda sheet: _write(sheet, 'RTS2_MODEL', _GEM),
         encoder=lambda values, az, el: first_order(values, az, el, mount),
         read=lambda path, text: _read(path, text, mount))
 
 
-def _looks_like(text):
-    return bool(re.search(r'^\s*RTS2_(ALTAZ|MODEL|GEM)\b', text, re.MULTILINE))
+_looks_like = re.compile(r'^\s*RTS2_(ALTAZ|MODEL|GEM)\b', re.MULTILINE).search
 
 
 def _angle(path, line, name, word):

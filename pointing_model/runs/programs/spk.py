@@ -37,8 +37,6 @@ _MEMBERS = {'pia': ('IA', 1), 'pib': ('IE', -1), 'pvd': ('TF', 1), 'pca': ('CA',
 #: the same for an equatorial mount, whose roll is minus the hour angle
 _EQUATORIAL = {'pia': ('IH', 1), 'pib': ('ID', -1), 'pvd': ('TF', 1), 'pca': ('CH', 1),
                'pnp': ('NP', 1), 'paw': ('MA', 1), 'pan': ('ME', -1)}
-_MEANINGS = {'pia': 'IA', 'pib': 'IE', 'pvd': 'TF: times cos E', 'pca': 'CA', 'pnp': 'NPAE',
-         'paw': 'AW', 'pan': 'AN'}
 _OWN = {TERM_KEYS[name]: [(own, float(sign))] for own, (name, sign) in _MEMBERS.items()}
 _PASSES = 4  # each reduces the error of the place of the droop by a factor of the terms' size
 
@@ -108,9 +106,9 @@ def _encoder(values, az, el, mount=ALTAZ, own=_OWN.get):
 
 def _write(sheet):
     rows = [f'/* {sheet.caption.replace("*/", "* /")} */', '/* spkPM pm; arcseconds by AS2R */']
-    for name, meaning in _MEANINGS.items():
+    for name, (meaning, _) in _MEMBERS.items():
         rows.append(f'   pm.{name} = {sheet.terms.get(name, 0.0) / ARCSEC:14.7f} * AS2R;'
-                    f'  /* {meaning} */')
+                    f'  /* {meaning}{": times cos E" * (meaning == "TF")} */')
     return '\n'.join([*rows, '   pm.ga = 0.0;', '   pm.gb = 0.0;']) + '\n'
 
 
@@ -154,10 +152,7 @@ def _for_mount(mount):
     return made
 
 
-def _looks_like(text):
-    return bool(re.search(r'^\s*pm(\.|->)p\w\w\s*=', text, re.MULTILINE))
-
-
+_looks_like = re.compile(r'^\s*pm(\.|->)p\w\w\s*=', re.MULTILINE).search
 PROGRAM = Program(
     'spk', 'SPK (INDI)', _OWN.get,
     lambda name: [(TERM_KEYS[_MEMBERS[name][0]], float(_MEMBERS[name][1]))],

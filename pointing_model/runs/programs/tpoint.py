@@ -27,7 +27,6 @@ proportional to itself.
 """
 
 import re
-from dataclasses import replace
 from math import comb
 
 import numpy as np
@@ -40,6 +39,7 @@ from ..model_files.program import (
     ModelFile,
     Program,
     first_order_at_encoder,
+    for_celestial,
     number_of,
     refuse_equatorial,
     rotations,
@@ -228,18 +228,10 @@ def _signs(mount):
 def _for_mount(mount):
     """TPOINT for an equatorial mount, on both pier sides."""
     signs = _signs(mount)
-
-    def own(key):
-        return [(key[0], signs[key[0]])] if key[0] in signs else None
-
-    def of(name):
-        return [((name, ()), signs[name])] if name in signs else None
-    if not signs:
-        raise ValueError(f'TPOINT has no names for {mount.names.words}')
-    return replace(
-        PROGRAM, own=own, column=of, candidates=tuple((name, ()) for name in signs), mount=mount,
+    return for_celestial(
+        PROGRAM, mount, {name: (name, sign) for name, sign in signs.items()},
         encoder=lambda values, az, el: rotations(values, az, el, mount),
-        read=lambda path, text: _read(path, text, of, mount), otherwise=(
+        read=lambda path, text: _read(path, text, signs.get, mount), otherwise=(
             ('read to first order at the encoder angles',
              lambda values, az, el: first_order_at_encoder(values, az, el, mount)),))
 
