@@ -105,13 +105,11 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     Raises
     ------
     ValueError
-        `source` is not a model, or `path` is the same file or has the suffix of another kind.
+        `source` is not a model, or `path` has the suffix of another kind.
     OSError
         A file cannot be read or written.
     """
     source, path = Path(source), Path(path)
-    if path.exists() and path.samefile(source):
-        raise ValueError(f'{path} is the input model itself; name another output file')
     ours = path.suffix.lower() in ('.json', '.yaml', '.yml')
     if ours is not (to == MODEL):
         raise ValueError(f'{path}: .json and .yaml are the suffixes of --to {MODEL} '

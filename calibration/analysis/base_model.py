@@ -17,6 +17,8 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from .finding import Finding
 
 
@@ -109,8 +111,6 @@ class BaseModel:
         held = self.held
         if held is None:
             return run
-        import numpy as np
-
         from pointing_model.context import Context
         from pointing_model.runs.run import PointingRun
         context = Context.from_run(run, encoder)
@@ -150,8 +150,6 @@ class BaseModel:
             JSON-ready, arcsec: ``terms`` (``here_arcsec``: None if not fitted; ``in_sigma``: the
             difference over both errors, or the fit's alone if the file has none) and ``held``.
         """
-        import numpy as np
-
         from msg_tools.units import ARCSEC
         sigma, errors = (dict(zip(one.terms, one.sigmas)) for one in (model, self.model))
         rows = []

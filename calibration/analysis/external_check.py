@@ -23,7 +23,7 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, active_zero, is_for_zero
 
 from ..rows import by_power_on
-from .diagnosis.observations import sequence_of
+from .diagnosis.observations import run_labels, sequence_of
 from .harmonic_fit import Recipe
 from .term_fit import fit_terms
 
@@ -78,8 +78,7 @@ def split_half(run, seed=0):
 
 def _stars(run):
     """For each row, the first of the rows of its star within minutes."""
-    night = np.unique(run.get('run', 0.0), return_inverse=True)[1]
-    return sequence_of(Context.from_run(run), night).group
+    return sequence_of(Context.from_run(run), run_labels([run])[1]).group
 
 
 def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):

@@ -158,7 +158,7 @@ def _some(run):
     """At most `_ROWS` rows, evenly thinned."""
     if len(run) <= _ROWS:
         return run
-    return run.select(np.linspace(0, len(run) - 1, _ROWS).astype(int))
+    return run.part(np.linspace(0, len(run) - 1, _ROWS).astype(int))
 
 
 def _wrapped(x, el):
@@ -235,9 +235,8 @@ def _check_frame(run, solved):
         if not solved.declared:
             raise _undeclared(run, f'{len(run)} rows cannot determine it')
         return
-    if len(run) > _ROWS:
-        lines = run.lines[np.linspace(0, len(run) - 1, _ROWS).astype(int)]
-        run, solved = _some(run), solved.at(lines)
+    run = _some(run)
+    solved = solved.at(run.lines)
     taken, *others = [*(_fit_of(run, solved, frame) for frame in frames),
                       _fit_of(run, solved, solved.frame, hours=True)]
     others = [fit for fit in others if fit is not None]

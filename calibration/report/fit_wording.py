@@ -102,10 +102,9 @@ def _first_axis_leans(found):
 def _coarse_columns(found):
     steps = ', '.join(f'{one["column"]} in steps of {one["step"]:.3g}{one["unit"]}'
                       for one in found['steps'])
-    moved = 'time' in {one['column'] for one in found['steps']}
     return (f'{steps}: rounding alone scatters {arcsec(found.size)} RMS on the sky, and '
             f'{arcsec(found.after)} remain. Write more digits'
-            + '. Times cut off, not rounded, move zero and tilt of the first axis, too' * moved)
+            + '. Times cut off move zero and tilt, too' * ('time in' in steps))
 
 
 def _sigma_of_solver(found):

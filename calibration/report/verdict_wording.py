@@ -103,10 +103,9 @@ def short_headline(document, effects):
         return ' '.join(f'{words[:1].upper()}{words[1:]}.'
                         for words in (axes_words(document), unexplained(document)))
     if text:
-        like = explanation((document.get('wander') or {}).get('explained_by', ())) \
-            if document['verdict'] == 'wanders' else ''
-        if (document.get('wander') or {}).get('along_the_sky') and not like:
-            like = 'an effect of direction or of each star'
+        wander = document['wander'] if document['verdict'] == 'wanders' else {}
+        like = explanation(wander.get('explained_by', ())) or (
+            'an effect of direction or of each star' * bool(wander.get('along_the_sky')))
         return text.format(beyond=_beyond_terms(document)) + \
             f' {like[:1].upper()}{like[1:]} explains it as well.' * bool(like)
     if not effects:

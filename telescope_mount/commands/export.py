@@ -90,8 +90,7 @@ def run(args):
         return
     options.refuse(args, 'applies to the tables of --topics; leave it out', format='csv')
     options.check_target(args.out, ('.csv', '.parquet') if args.out.suffix else ())
-    if not _same(args.out, args.file):
-        options.refuse_existing(args.out, args)
+    _check_out(args)
     written = export_run(args.file, args.out, start=args.start, end=args.end,
                          **options.place_of(args))
     from calibration.analysis.diagnosis.row_counts import row_word
@@ -110,8 +109,7 @@ def _run_model(args, console):
     options.refuse(args, 'applies to runs; leave it out with --to',
                    topics=None, start=None, end=None)
     options.check_target(args.out)
-    if not _same(args.out, args.file):
-        options.refuse_existing(args.out, args)
+    _check_out(args)
     if args.sky is None:
         options.refuse(args, 'applies to the run of --sky; leave it out', equinox='auto')
     place = options.place_of(args) | {'mount': options.mount_of(args)}
@@ -136,8 +134,10 @@ def _whole_site(site, args):
     return site
 
 
-def _same(path, other):
-    return path.exists() and other.exists() and path.samefile(other)
+def _check_out(args):
+    if args.out.exists() and args.file.exists() and args.out.samefile(args.file):
+        raise ValueError(f'{args.out} is the input itself; name another output file')
+    options.refuse_existing(args.out, args)
 
 
 def export_run(source, path, *, start=None, end=None, **options):
@@ -163,8 +163,7 @@ def export_run(source, path, *, start=None, end=None, **options):
     Raises
     ------
     ValueError
-        `source` is not a run, `path` is the same file, no row is in the range, or Parquet is
-        unavailable.
+        `source` is not a run, no row is in the range, or Parquet is unavailable.
     OSError
         It cannot be read, or `path` cannot be written.
     """
@@ -174,8 +173,6 @@ def export_run(source, path, *, start=None, end=None, **options):
 
     from ..input_files.run_loader import load_run
     source, path = Path(source), Path(path)
-    if path.exists() and path.samefile(source):
-        raise ValueError(f'{path} is the input run itself; name another output file')
     if path.suffix == '.parquet':
         _parquet()
     run = load_run(source, **options)

@@ -55,11 +55,10 @@ def run(args):
 
 def _run(args):
     harmonics = options.harmonics_of(args)
-    if args.predict and (harmonics or args.no_robust):
-        raise ValueError('--predict makes its own robust choice of terms; leave out '
-                         + ('--harmonics' if harmonics else '--no-robust'))
-    if args.predict and args.sessions != 0.0:
-        raise ValueError('--predict fits the run as one session; leave out --sessions')
+    if args.predict:
+        options.refuse(args, 'changes nothing of --predict, which makes its own robust choice of '
+                       'terms for one session; leave it out',
+                       harmonics='none', no_robust=False, sessions=0.0)
     if args.base and args.terms:
         raise ValueError('--base and --terms both say which terms to fit; leave one out')
     from calibration.analysis.harmonic_fit import choice_of

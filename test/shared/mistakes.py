@@ -235,7 +235,7 @@ MISTAKES = [
     ('an encoder of a model', 'bolts good.json --encoder abs', '--encoder applies to runs'),
     ('stars beside a plan', 'observe --out n --stars 20 --plan fit', '--stars', '--plan'),
     ('a table over a folder', 'export run.csv used', 'it is a folder; name a file'),
-    ('a run over itself', 'export run.csv run.csv', 'is the input run itself'),
+    ('a run over itself', 'export run.csv run.csv', 'is the input itself'),
     ('a folder in use', 'night --out used', 'is not empty; choose another folder'),
     ('a file for a folder', 'night --out run.csv', 'run.csv is a file'),
     ('a log into itself', 'recover bag --out bag/new', 'lies in the log itself'),

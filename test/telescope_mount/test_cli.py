@@ -350,7 +350,7 @@ def test_fit_gives_sessions_zeros_of_their_own(ended, refused, run_csv):
     assert 'IE[2]' in ended('fit', run_csv, '--sessions', 4)[1]
     assert 'IE[2]' not in ended('fit', run_csv, '--sessions', 'none')[1]
     assert 'hours, auto or none' in refused('fit', run_csv, '--sessions', 'soon')
-    assert 'leave out --sessions' in refused('fit', run_csv, '--predict', '--sessions', 3)
+    assert '--sessions changes nothing' in refused('fit', run_csv, '--predict', '--sessions', 3)
 
 
 def test_fit_refuses_what_it_cannot_read(refused, run_csv, tmp_path):

@@ -119,7 +119,7 @@ def test_what_is_held_is_said_to_be(ended, tmp_path):
 @pytest.mark.parametrize('options, words', [
     (['out.json', '--to', 'tpoint'], '.json and .yaml are'),
     (['out.mod', '--to', 'model'], '.json and .yaml are'),
-    (['model.json', '--to', 'model'], 'is the input model itself'),
+    (['model.json', '--to', 'model'], 'is the input itself'),
     (['out.mod', '--to', 'maxpoint'], 'maxpoint'),
     (['out.mod', '--to', 'tpoint', '--zero', '7'], 'no zero of run 7; it has: 1'),
     (['out.mod', '--to', 'tpoint', '--zero', 'all'], 'write newest, none'),

@@ -129,8 +129,7 @@ class Reading:
     def advice(self):
         """What to do."""
         if 'sideless' in self.encoders:
-            return ('if it is one, give --mount german and a column pier_side (east, west); else '
-                    '--mount equatorial')
+            return 'give --mount german and a column pier_side, or for a fork --mount equatorial'
         return ('observe without synchronising, or add up the offsets' if self.kind == 'syncs'
                 else 'set the columns right')
 

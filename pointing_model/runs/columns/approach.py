@@ -33,14 +33,14 @@ def derive_approach(table):
     direction.
     """
     columns, notes = table.columns, table.meta['notes']
-    names = {axis: f'approach_{axis}' for axis in ('az', 'el')}
     derived = []
     if len(table.lines) == 0:
         return
     order, by_time = _sequence(columns)
     new_run = _new_runs(columns, order)
     whole_path = False
-    for axis, name in names.items():
+    for axis in ('az', 'el'):
+        name = f'approach_{axis}'
         given = np.isfinite(columns[name]) if name in columns else np.zeros(1, dtype=bool)
         if given.any():
             if not given.all():

@@ -94,11 +94,12 @@ def test_raw_readings_are_those_that_the_miss_distance_moves(beyond):
     assert np.abs(got[1] - el).max() < 1e-6 * ARCSEC
 
 
-def test_export_is_not_written_over_its_source(tmp_path):
+def test_export_is_not_written_over_its_source(refused, tmp_path):
     path = tmp_path / 'run.csv'
     path.write_text(ROWS)
-    with pytest.raises(ValueError, match='is the input run'):
-        export_run(path, tmp_path / '.' / 'run.csv')
+    for words in ((), ('--overwrite',)):
+        line = refused('export', path, tmp_path / '.' / 'run.csv', *words)
+        assert 'is the input itself' in line
     assert path.read_text() == ROWS
 
 
