@@ -99,7 +99,8 @@ def test_erratum_1_the_readings_on_a_real_night():
                     for before in (lambda run: None, index_terms))
     # 1209" of IA, of which neither holds all
     assert alone == pytest.approx([17.0, 8.0], rel=0.2)
-    assert after == pytest.approx([2.45, 1.43], abs=0.1)
+    # of 100 drawings of halves
+    assert after == pytest.approx([2.36, 1.37], abs=0.1)
 
 
 def test_erratum_2_a_linear_system_of_13_columns_and_n_rows():
