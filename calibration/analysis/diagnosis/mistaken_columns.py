@@ -53,7 +53,7 @@ _FITS = (0.05, 600.0)
 _BETTER, _LIKELIER = 1.25, 15.0
 #: radial RMS ratio for on-sky offsets given in a file: exchanged, they may fit one axis by chance
 _CLEARLY = 1.5
-#: the same for a mount said or taken to be a fork, read as a German one
+#: the same for a mount taken to be a fork, since nobody says what it is, read as a German one
 _FLEXED = 2.0
 #: noise ratio and log-likelihood if common effects are fitted, too (`usual` of the kind of mount)
 _WITH_EFFECTS = (1.15, 10.0)
@@ -189,8 +189,7 @@ class _RunCheck:
         if other.rms_arcsec * least > written.rms_arcsec:
             return False
         if other.far_better_than(written, _BETTER, _LIKELIER) and other.rms_arcsec < _FITS[1]:
-            if (self.rows.assumed or not german) and (
-                    self._is_clear(other.reading) or self._needed(other, written)):
+            if self._is_clear(other.reading) or self._needed(other, written):
                 alike = _alike(others)
                 self._refuse(written, alike if other in alike else [other])
             if other.rms_arcsec < written.rms_arcsec / _BETTER or other.reading.elsewhere or (

@@ -262,7 +262,7 @@ class ReadingFits:
             or 'unturned' in names and not beyond.any()
             or 'folded' in names and abs(np.exp(1j * (az_enc - az)).mean()) > _ONE_SIDE
             or 'sideless' in names and (beyond.any() or self.rows.beyond is not None
-                                        or not self.rows.mount.celestial))
+                                        or not (self.rows.mount.two_sided or self.rows.assumed)))
 
     def _places(self, reading, centred):
         """Usable positions of a reading, the zero subtracted, its mean log gain, rows lost."""
