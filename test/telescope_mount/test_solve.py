@@ -181,7 +181,7 @@ def test_what_was_solved_before_an_interruption_is_kept(folder, ended, monkeypat
     (('--keywords', 'other.yaml'), 'other.yaml is not there: it says which keywords'),
     (('--out', 'run.txt'), 'must end in .csv'),
     (('--scale', '3', '2'), 'the first is the lower one'),
-    (('--timeout', '0'), 'must be 1 to 36000 s'),
+    (('--timeout', '0'), 'a decimal number, 1 to 36000 s'),
 ])
 def test_bad_options_are_one_line(folder, refused, words, text, monkeypatch):
     if shutil.which('astap') or shutil.which('astap_cli'):
