@@ -39,9 +39,11 @@ def effects_section(view):
 
 
 def largest_effect(view):
-    """Figure of the first effect, if it has one and acts on one axis only."""
-    figure, axes = effect_figure(view, view.effects[0]) if view.effects else (None, 0)
-    return figure if axes == 1 else None
+    """Figure of the first effect, in the axis where it is larger; None without effect or driver."""
+    if not view.effects:
+        return None
+    size = np.sqrt(np.nansum(np.square(view.effects[0].own), axis=1))
+    return effect_figure(view, view.effects[0], (int(np.argmax(size)),))[0]
 
 
 def _effect(view, effect):
@@ -60,7 +62,7 @@ def _causes(rows):
     return page.table(('cause', 'ΔBIC', 'coefficients ″', 'check'), rows, 'folding stack')
 
 
-def effect_figure(view, effect):
+def effect_figure(view, effect, axes=(0, 1)):
     """Partial residuals without this effect alone, and it, against its driver; number of axes."""
     driver = effect.driver
     if driver is None:
@@ -68,7 +70,8 @@ def effect_figure(view, effect):
     data, own = view.residuals, effect.own
     x, used = _spread(driver), data.used & np.isfinite(own).all(axis=0)
     out = []
-    for axis, title in enumerate(data.axes):
+    for axis in axes:
+        title = data.axes[axis]
         if not np.any(np.abs(effect.fitted[axis][used]) > 1e-9):
             continue
         fitted = own[axis]
@@ -83,7 +86,7 @@ def effect_figure(view, effect):
         return None, 0
     return page.figure(
         out[0] if len(out) == 1 else page.figure_pair(out),
-        f'Strokes: the effect, {arcsec(float(rms(*own[:, used])))} RMS; dots: effect plus '
+        f'{effect.name}: strokes, {arcsec(float(rms(*own[:, used])))} RMS; dots: with the '
         f'residual{_how_to_read(driver, effect)}.'), len(out)
 
 

@@ -61,7 +61,7 @@ def _groups(data):
 def sky_maps(data, beside=None):
     """Maps of residual vectors before and after on one scale; after also magnified if small.
 
-    One map if both are the same. `beside` is a figure shown next to two maps.
+    One map if both are the same. `beside` is a figure shown in place of the magnified map.
     """
     used = data.used
     if not used.any():
@@ -81,7 +81,7 @@ def sky_maps(data, beside=None):
     own = blank.scale_for(*places, *toward['after'], long / max(typical['after'], 1e-6))
     same = np.array_equal(data.of('before'), data.of('after'), equal_nan=True)
     maps = [('before', scale, ''), *[('after', scale, '')] * (not same)]
-    if own > MAGNIFIED * scale:
+    if own > MAGNIFIED * scale and beside is None:
         times = float(f'{own / scale:.1g}')
         maps.append(('after', times * scale, f', drawn {times:g} times as large'))
     skies = []
@@ -108,7 +108,7 @@ def sky_maps(data, beside=None):
                 margins),
             (what, page.size(rms_of, when), f' RMS{more}.{longer}'), '' if same else when))
     some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
-    if beside is not None and len(out) < 3:
+    if beside is not None:
         out.append(beside)
     return [page.figure_pair(out), page.paragraph(
         f'Encoder − model; zenith at the centre, rim at {lowest:g}°.{some}', 'note')]

@@ -221,7 +221,7 @@ def test_two_sides_have_a_sign_and_say_where_they_come_from(page, diagnosis):
         run.columns, {**run.meta, 'approach_from': {'axes': ['az'], 'order': 'rows'}})))
     assert 'no column of the file: it was derived from the order of the rows' in \
         effect_summaries(derived)[0].text
-    assert 'dots: effect plus residual, spread sideways' in page
+    assert 'dots: with the residual, spread sideways' in page
 
 
 def test_the_view_holds_the_figures(diagnosis):
