@@ -201,7 +201,7 @@ CAUSES = {
     'flop with play': Cause(('flop',), lambda c, m, r: _flop(c, m, r, 5.0 * DEG), ('altaz',)),
     'flop over': Cause(('flop_sideways',), _flop_over, ('equatorial',)),
     'reading jump': Cause(('azimuth_jump', 'elevation_jump', 'hour_angle_jump', 'declination_jump'),
-                          _jump, ('altaz', 'german', 'equatorial')),
+                          _jump, ('altaz', 'german', 'equatorial'), ('flop',)),
     'rail joint': Cause(('track_bump',), _joints),
     'rail joints, six': Cause(('track_bump',), lambda c, m, r: _joints(c, m, r, 6), ('altaz',)),
     'bearing cage': Cause(('bearing_cage',), _cage, ('altaz',), prepare=_wound),

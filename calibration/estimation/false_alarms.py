@@ -17,8 +17,9 @@
 #: default family-wise error rate: probability of any effect in a run with nothing wrong
 ALPHA = 0.01
 #: shares of the family-wise error: the dictionary; its scans over places, periods or lags; waves of
-#: unknown period; curves; steps of terms other than zeros. False alarms overlap and the tests are
-#: conservative: the total stays below the family-wise error (measured, benchmarks/diagnosis.py).
+#: unknown period; curves; steps, in time of terms other than zeros, or at one angle. False alarms
+#: overlap and the tests are conservative: the total stays below the family-wise error (measured,
+#: benchmarks/diagnosis.py).
 SHARES = {'dictionary': 0.45, 'scans': 0.45, 'periods': 0.15, 'curves': 0.18, 'steps': 0.05}
 #: share of the likelihood-ratio test of groups that are not significant against the estimated
 #: correlated noise, for either share of the dictionary: limits the part of nights with such noise

@@ -141,7 +141,7 @@ def _flop_sideways(at, mount='equatorial'):
                   'mirror cell, secondary and focuser: what lies on one side or on the other',
                   f'a step at one {word}',
                   f'something flops at one {word}: mirror, secondary, camera, focuser',
-                  scan='flop_sideways', share='scans', searched=('at',))
+                  scan='flop_sideways', share='steps', searched=('at',))
 
 
 @form
@@ -166,7 +166,7 @@ def _reading_jump(at, cut=0.0, axis='az', mount=USUAL):
                   f'joint and ends of the encoder tape of the {shaft}, its coupling; the balance: '
                   'where it changes sides the gears change flanks',
                   f'a step at one {word}', f'readings of the {shaft} jump at one place',
-                  scan=f'{axis}_jump', share='scans', searched=('at',))
+                  scan=f'{axis}_jump', share='steps', searched=('at',))
 
 
 def propose(context, lacking, own):

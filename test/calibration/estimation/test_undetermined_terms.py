@@ -131,7 +131,7 @@ def test_a_side_of_the_pier_that_no_row_is_on_has_a_prediction_of_unknown_error(
 
 
 def test_diagnosis_claims_nothing_of_undetermined_terms():
-    result = diagnose(run_at(np.full(40, 50.0)), flips=99, cross_validation=False)
+    result = diagnose(run_at(np.full(40, 50.0)), flips=999, cross_validation=False)
     assert result.model.undetermined == ('IA', 'IE', 'CA', 'NPAE', 'TF')
     assert not result.unphysical and not result.effects
     assert any(note.kind == 'undetermined terms' for note in result.notes)
