@@ -102,15 +102,15 @@ def rows_of(kind):
 
 def page():
     """Text of the page."""
-    out, told = [HEAD], set()
+    out, listed = [HEAD], set()
     for title, kind in (('Any mount, in the words of an alt-azimuth one', 'altaz'),
                         ('Equatorial mounts also', 'equatorial'), ('German mounts also', 'german')):
         lines = [f'\n## {title}\n', '| cause | follows | look at |', '| --- | --- | --- |']
         for cause, driver, look_at in rows_of(kind):
             # orders and axes of one cause are one row
-            if alike(cause) in told or kind != 'altaz' and alike(look_at) in told:
+            if alike(cause) in listed or kind != 'altaz' and alike(look_at) in listed:
                 continue
-            told |= {alike(cause), alike(look_at)}
+            listed |= {alike(cause), alike(look_at)}
             lines.append(f'| {cause} | {driver} | {look_at} |')
         out += lines
     out.append('\nEach effect and term may also differ by the side of the pier: mirror cell, '

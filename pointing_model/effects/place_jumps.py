@@ -14,10 +14,10 @@
 
 """Errors at an unknown place: a mirror that flops, a joint of the track or of an encoder tape.
 
-The place, and for a joint its width, is scanned; at most one is real. A flop depends on gravity
-and is fixed in the frame of the tube: on the elevation, or sideways as a tilted first axis carries
-the tube over its highest place (a fork: the meridian). Joints under a wheel depend on the first
-axis.
+The place, and for a joint its width, is scanned. A flop depends on gravity and is fixed in the
+frame of the tube: on the elevation, or sideways as a tilted first axis carries the tube over its
+highest place (a fork: the meridian). Joints under a wheel depend on the first axis, those of an
+encoder tape on its own.
 """
 
 import numpy as np
@@ -28,10 +28,10 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from .base import Effect, Offer, arcsec, effect, form, single_rows
 
 _TURN = 2.0 * np.pi
-#: largest number of flop elevations tried (half as many find 95, not 97, of 100 flops of lambda 7
-#: in 120 rows), the same with play, and values of play between both directions, rad
+#: largest number of places tried of a flop (half as many find 95, not 97, of 100 flops of lambda 7
+#: in 120 rows), of a jump, and of a flop with play; values of play between both directions, rad
 _FLOPS, _JUMPS, _FLOPS_WITH_PLAY, _PLAYS = 96, 96, 48, (5.0 * DEG, 10.0 * DEG, 15.0 * DEG)
-#: least number of rows on either side of a flop, and within a bump
+#: least number of rows on either side of a step, and within a bump
 _FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
 #: gap of the first angle from which the axis is taken not to go beyond it, rad
 _GAP = 40.0 * DEG
@@ -179,11 +179,12 @@ def propose(context, lacking, own):
         yield Offer('flop_sideways', [effect('flop_sideways', at=at, mount=context.mount.kind)
                                       for at in _between(np.arcsin(np.sin(context.az)), _FLOPS)])
     for cut in _cuts(context.az):
-        yield Offer('reading_jump', [effect('reading_jump', at=wrap(cut + at), cut=cut,
-                                    mount=context.mount.kind)
-                             for at in _between(np.mod(context.az - cut, _TURN), _JUMPS)])
-    yield Offer('reading_jump', [effect('reading_jump', at=at, axis='el', mount=context.mount.kind)
-                         for at in _between(context.el, _JUMPS)])
+        yield Offer('reading_jump', [
+            effect('reading_jump', at=wrap(cut + at), cut=cut, mount=context.mount.kind)
+            for at in _between(np.mod(context.az - cut, _TURN), _JUMPS)])
+    yield Offer('reading_jump', [
+        effect('reading_jump', at=at, axis='el', mount=context.mount.kind)
+        for at in _between(context.el, _JUMPS)])
     against = single_rows(context, 'approach_el', -1.0, 1.0)
     if context.mount.vertical and context.get('approach_el') is not None and not against:
         yield Offer('flop', [effect('flop', at=at, play=play)

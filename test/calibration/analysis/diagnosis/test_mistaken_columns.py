@@ -141,9 +141,9 @@ def test_a_mount_synchronised_on_each_star_is_named(offsets):
     run = run_of((az, el, az + x, el + y))
     if offsets:
         run.meta['raw_reading'] = False
-    with pytest.raises(MistakenColumns, match='the mount was synchronised on each star') as told:
+    with pytest.raises(MistakenColumns, match='the mount was synchronised on each star') as refused:
         check_columns(run)
-    (reading,) = told.value.readings
+    (reading,) = refused.value.readings
     assert 'added up' in reading['reading'] and 1.0 < reading['rms_arcsec'] < 2.0
 
 

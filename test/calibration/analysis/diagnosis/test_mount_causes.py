@@ -82,11 +82,11 @@ def test_a_scenario_is_named(name):
         assert not diagnose(made(plain, 90), **FAST).effects
 
 
-@pytest.mark.parametrize('kind, steps, name, said', (
+@pytest.mark.parametrize('kind, steps, name, wording', (
     ('equatorial', (('hour', (1.0, 0.6)),), 'flop_sideways', 'at hour angle −'),
     ('equatorial', (('dec', (0.0, 1.0)),), 'declination_jump', 'jump by +24.'),
     ('altaz', (('hour', (1.0, 0.0)),), 'azimuth_jump', 'azimuth readings jump by +2')))
-def test_a_step_at_one_place(kind, steps, name, said):
+def test_a_step_at_one_place(kind, steps, name, wording):
     """Mirrors and encoder tapes; they were taken for waves of 1 to 6 in a turn."""
     rng, n = np.random.default_rng(6), 50
     mount = Mount() if kind == 'altaz' else Mount.equatorial(40.0 * DEG)
@@ -100,7 +100,7 @@ def test_a_step_at_one_place(kind, steps, name, said):
         'az': first, 'el': second, 'az_enc': first + x / np.cos(second),
         'el_enc': second + y}, {'mount': mount}), **FAST)
     assert [e.fitted.effect.name for e in result.effects] == [name]
-    assert said in str(view_of(result))
+    assert wording in str(view_of(result))
 
 
 def test_a_cage_up_and_down_is_not_told_from_cables_over_few_turns():
