@@ -48,7 +48,7 @@ def write_loop_page(folder, report, run):
     folder : Path
         Folder of the night.
     report : dict
-        Report of `close_the_loop.close_the_loop`.
+        Report of `closed_loop.close_the_loop`.
     run : PointingRun
         All rows.
 

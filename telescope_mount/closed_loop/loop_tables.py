@@ -39,7 +39,7 @@ def loop_tables(report):
     Parameters
     ----------
     report : dict
-        Report of `close_the_loop.close_the_loop`.
+        Report of `closed_loop.close_the_loop`.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def short_tables(report):
     Parameters
     ----------
     report : dict
-        Report of `close_the_loop.close_the_loop`.
+        Report of `closed_loop.close_the_loop`.
 
     Returns
     -------
