@@ -124,6 +124,12 @@ def test_bad_options_are_one_line(refused, monkeypatch, tmp_path, words, text):
     assert text in refused(*words)
 
 
+def test_help_names_all_solvers_and_orbit_formats():
+    """They stand in the options once more, for the registries are slow to import."""
+    assert ', '.join(PROGRAMS) == options.SOLVERS
+    assert ', '.join(one.wording for one in FORMATS) == options.ORBITS
+
+
 def test_options_of_a_site_have_its_ranges():
     # they are written out there, as a command that asks for none imports nothing
     for name, one in {**SITE, 'pressure_hpa': AIR['pressure_hpa'],
