@@ -76,17 +76,31 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
         raise ValueError(f'{type(given).__name__} is no model: give a model file, or what has one: '
                          'a fit, a diagnosis')
     _refuse_misspelled(model, drivers)
-    az, el = np.broadcast_arrays(*(np.asarray(v, float) * DEG for v in (az_deg, el_deg)))
+    az, el = np.asarray(az_deg, float) * DEG, np.asarray(el_deg, float) * DEG
+    try:
+        shape = np.broadcast_shapes(az.shape, el.shape)
+    except ValueError:
+        shape = az.shape  # the elevations are refused, by name
+    az, el = _each_direction(az, shape, 'az_deg'), _each_direction(el, shape, 'el_deg')
     columns = {}
     for name, value in drivers.items():
         key, unit = _DRIVERS.get(name, (name, 1.0))
-        columns[key] = np.broadcast_to(np.asarray(value), az.shape).ravel()
+        columns[key] = _each_direction(value, shape, name).ravel()
         columns[key] = columns[key] * unit if unit != 1.0 else columns[key]
     place = [None if v is None else v * DEG for v in (latitude_deg, longitude_deg)]
     context = Context(az.ravel(), el.ravel(), columns, *place, mount=model.mount)
     zeros = zeros_of_rows(model, zero, columns.get('run'))[0]
     out = turned(model, context, zeros, reverse)
     return tuple(v.reshape(az.shape) / DEG for v in out)
+
+
+def _each_direction(value, shape, name):
+    """A value for each direction; ValueError that names it if their numbers differ."""
+    try:
+        return np.broadcast_to(np.asarray(value), shape)
+    except ValueError:
+        raise ValueError(f'{name} has the shape {np.shape(value)}, the directions have {shape}: '
+                         'give one value for all, or one for each') from None
 
 
 def _refuse_misspelled(model, drivers):
@@ -215,13 +229,17 @@ def zeros_of_rows(model, wanted=NEWEST, run=None):
     Raises
     ------
     ValueError
-        The model has no zero of that run.
+        The model has no zero of that run, or `wanted` is something else.
     """
     known = carried_zeros(model)
     if wanted == NO_ZEROS:
         return (0.0, 0.0), []
     if wanted != NEWEST:
-        number = float(wanted)
+        try:
+            number = float(wanted)
+        except (TypeError, ValueError):
+            raise ValueError(f'zero={wanted!r} names no zero: newest, none or the number of a run'
+                             ) from None
         if number not in known:
             there = ', '.join(f'{n:g}' for n in known) or 'none'
             raise ValueError(f'the model carries no zero of run {number:g}; it has: {there}')

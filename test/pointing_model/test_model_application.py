@@ -41,6 +41,12 @@ def test_one_line_there_and_back(tmp_path):
     assert apply(model, 10.0, 45.0)[0].shape == ()
 
 
+@pytest.mark.parametrize('name', ['el_deg', 'temperature_c', 'run'])
+def test_a_driver_of_another_length_is_named(name):
+    with pytest.raises(ValueError, match=f'{name} has the shape .2,., the directions have .30,.'):
+        apply(PointingModel(TERMS), **{'az_deg': AZ, 'el_deg': EL, name: [1.0, 2.0]})
+
+
 def test_the_zero_is_that_of_the_run():
     model = PointingModel(TERMS, provenance={'zeros_in_force': ZEROS})
     bare = np.array(apply(model, AZ, EL, zero='none'))
@@ -55,6 +61,9 @@ def test_the_zero_is_that_of_the_run():
     np.testing.assert_allclose(apply(model, *out, run=run, reverse=True), [AZ, EL], atol=1e-12)
     with pytest.raises(ValueError, match='no zero of run 3; it has: 1, 2'):
         apply(model, AZ, EL, zero=3)
+    for other in ('last', None, [1, 2]):
+        with pytest.raises(ValueError, match='names no zero: newest, none or the number of a run'):
+            apply(model, AZ, EL, zero=other)
     with pytest.raises(ValueError, match='no zero of run 5'):
         zeros_of_rows(model, run=np.array([1, 5]))
 
