@@ -23,6 +23,7 @@ from msg_tools.units import ARCSEC, DEG
 from .context import Context
 from .model import PointingModel
 from .runs.run import COLUMNS, column_name
+from .sky.site import SITE
 from .zero import NO_ZERO, carried_zeros
 
 #: name in a file -> (name in memory, its unit in SI)
@@ -64,7 +65,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
     Raises
     ------
     ValueError
-        No such zero, a file without a model, or drivers of another length.
+        No such zero, a file without a model, drivers of another length, or a site out of range.
     OSError
         The file cannot be read.
     """
@@ -89,6 +90,9 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
         columns[key] = columns[key] * unit if unit != 1.0 else columns[key]
     place = [None if v is None else v * DEG for v in (latitude_deg, longitude_deg)]
     context = Context(az.ravel(), el.ravel(), columns, *place, mount=model.mount)
+    for name, value in (('latitude_deg', latitude_deg), ('longitude_deg', longitude_deg)):
+        if value is not None:
+            SITE[name].check(context)
     zeros = zeros_of_rows(model, zero, columns.get('run'))[0]
     out = turned(model, context, zeros, reverse)
     return tuple(v.reshape(az.shape) / DEG for v in out)
@@ -148,7 +152,7 @@ def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=Non
 
     from .runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
     from .sky.places import observed_directions
-    from .sky.site import SITE, Site
+    from .sky.site import Site
     mount = getattr(mount, 'mount', mount)
     if mount.celestial:
         own = mount.latitude / DEG

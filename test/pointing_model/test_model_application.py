@@ -47,6 +47,13 @@ def test_a_driver_of_another_length_is_named(name):
         apply(PointingModel(TERMS), **{'az_deg': AZ, 'el_deg': EL, name: [1.0, 2.0]})
 
 
+def test_a_site_out_of_range_is_refused():
+    with pytest.raises(ValueError, match='latitude 123 is outside -90 to 90 degrees'):
+        apply(PointingModel(TERMS), AZ, EL, latitude_deg=123.0)
+    with pytest.raises(ValueError, match='longitude 400 is outside -180 to 360 degrees'):
+        apply(PointingModel(TERMS), AZ, EL, longitude_deg=400.0)
+
+
 def test_the_zero_is_that_of_the_run():
     model = PointingModel(TERMS, provenance={'zeros_in_force': ZEROS})
     bare = np.array(apply(model, AZ, EL, zero='none'))

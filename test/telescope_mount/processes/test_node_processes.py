@@ -107,8 +107,7 @@ def test_what_is_stopped_is_named_and_goes_on_to_end(processes):
     assert processes.stopped() == {}
     stopped = processes.running['camera'].pid
     os.kill(stopped, signal.SIGSTOP)
-    while not processes.stopped():
-        time.sleep(0.01)
+    wait_for(processes.stopped)
     assert processes.stopped() == {'camera': stopped}
     assert processes.stop() == {'camera': 0, 'mount_display': 0}
 
